@@ -10,13 +10,15 @@
     python -m m3depth.predict BAG --out RESULT                                  # a ROS 2 bag with CameraInfo
     python -m m3depth.predict NLMV0709_...IMG --out RESULT          # products of rovers: one, two or a folder of them
     python -m m3depth.predict left.png right.png --calib stereo.yml --out RESULT    # raw images: K1 D1 K2 D2 R T
+    python -m m3depth.predict left.png right.png --align --focal 1236 --baseline 0.42 --out RESULT   # no calibration
 
 The images must be rectified: what the left eye sees at a pixel, the right eye sees in the same row, farther left. Those
 that are not are rectified first, as m3depth.rectify does it, if they are products of rovers, if the calibration is of
-raw cameras alone (OpenCV's K1 D1 K2 D2 R T, Kalibr, labels), or with --rectify always. The
-command reports exchanged eyes, rows that lie apart and images without contrast. Where the result would be meaningless,
-it writes nothing and exits with 2, or skips that one of many pairs; --unchecked writes it nevertheless. Rows that lie a
-little apart, as in a rig whose calibration has aged, it aligns by turning the right image.
+raw cameras alone (OpenCV's K1 D1 K2 D2 R T, Kalibr, labels), or with --rectify always. --align fits their rows to
+matches, where the calibration is not quite right or where there is none. The command reports exchanged eyes, rows that
+lie apart and images without contrast. Where the result would be meaningless, it writes nothing and exits with 2, or
+skips that one of many pairs; --unchecked writes it nevertheless. Rows that lie a little apart, as in a rig whose
+calibration has aged, it aligns by turning the right image.
 
 A calibration file (KITTI, Middlebury, ETH3D, OpenCV's stereoRectify, ROS CameraInfo, a rig file of marssim or a
 dataset's sample.json) gives the focal lengths, the principal point and the baseline; flags beside it replace its
@@ -56,16 +58,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from m3depth.estimator import Estimator
-from m3depth.prediction.batch import MARK, Batch, cloud_pose, ending, predict_many, record_of
+from m3depth.prediction.batch import MARK, Batch, cloud_pose, ending, predict_many, read_and_prepare, record_of
 from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import write_prediction
 from m3depth.prediction.left_right import AGREEMENT
-from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair, prepare
+from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.shots import predicted_shots
-from m3depth.prediction.sources.calibration import make_calibration
-from m3depth.prediction.sources.inputs import Inputs, PairInput, find_inputs
-from m3depth.prediction.sources.raw_pairs import without_raw_flags
+from m3depth.prediction.sources.inputs import Inputs, find_inputs
+from m3depth.prediction.sources.pair_input import PairInput
+from m3depth.prediction.sources.raw_pairs import FOLDER
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -90,8 +92,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     if options.view:
         check_viewer()
     inputs = find_inputs(options)
-    if inputs.rectification is not None:
-        options = without_raw_flags(options)
+    options = inputs.remaining(options)
     if inputs.single:
         prediction = _predict_one(options, inputs, estimator)
         _view(options, inputs, inputs.pairs)
@@ -119,19 +120,18 @@ def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     folder.check()
     if (options.out / MARK).is_file():
         raise ValueError(f"--out {options.out}: holds predictions of many pairs; choose another")
-    left, right = inputs.read(pair)
-    height, width = left.shape[:2]
-    calibration = make_calibration(options, height, width, pair.left, pair.calibration)
+    read, prepared = read_and_prepare(inputs, pair, options)
     method = Method.of(options, estimator)
-    prepared = prepare(left, right, calibration, options, inputs.labels(pair), inputs.files(pair))
     for message in prepared.warnings:
         print(f"warning: {message}", file=sys.stderr)
-    record = record_of(pair, inputs, prepared.rig, method, options)
+    record = record_of(read, inputs, prepared.rig, method, options)
     result = predict_pair(prepared, method, options)
     shown = depth_range_shown(result.prediction.depth)
     with folder.claim():
         record |= ending(result, shown)
-        count = write_prediction(options.out, result, options, record, shown, cloud_pose(record))
+        count = write_prediction(options.out, result, options, record, shown, cloud_pose(record), with_rows=True)
+    if result.rectified is not None:
+        print(f"{options.out / FOLDER}: {result.rectified.summary()}")
     print(f"{options.out}: {_summary(result, count)}")
     return result.prediction
 

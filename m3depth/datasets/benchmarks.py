@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from m3depth.datasets.pair_files import PairFiles, Rig, Rigs
-from m3depth.datasets.rigs import file_rig
+from m3depth.datasets.rigs import FileRig
 from marssim.base.calibration.rectified import Calibration
 
 KITTI_FOLDERS = (  # left, right, disparity, disparity of pixels that both cameras see, calibrations
@@ -87,7 +87,7 @@ def sceneflow_rig(calib: Path, left: Path) -> Rig:
         left: The left image; its path names the focal length.
     """
     if calib.is_file():
-        return file_rig(calib, left)
+        return FileRig(calib, left)
 
     def rig(width: int, height: int) -> Calibration:
         focal = (SCENEFLOW_SHORT if "15mm_focallength" in left.parts else SCENEFLOW_FOCAL) * width / 960

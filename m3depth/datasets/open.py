@@ -19,7 +19,7 @@ from m3depth.datasets.config import DataConfig, Format, Split
 from m3depth.datasets.folders import folder_pairs, list_pairs
 from m3depth.datasets.oaisys import oaisys
 from m3depth.datasets.pair_files import PairFiles, Rigs, read_pair_files
-from m3depth.datasets.rigs import file_rig, given_rig
+from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.stereo.pairs import StereoPairs
 from marssim.base.dataset.dataset import SPLITS, StereoDataset, split_of
 from marssim.base.dataset.sample import StereoSample
@@ -148,7 +148,7 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
     if layout == "marssim":
         return StereoDataset(path, None if split == "all" else split)
     rig_of_flags = given_rig(config)
-    rigs: Rigs = rig_of_flags or (sceneflow_rig if layout == "sceneflow" else file_rig)
+    rigs: Rigs = rig_of_flags or (sceneflow_rig if layout == "sceneflow" else FileRig)
     if layout in ("folder", "oaisys") and rig_of_flags is None and not (path / "calib.txt").is_file():
         raise DatasetError(f"{path}: layout {layout} needs --calib, or --focal and --baseline, or {path / 'calib.txt'}")
     if layout == "list":

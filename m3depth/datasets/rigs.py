@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,33 +17,34 @@ from marssim.base.files.json_file import DatasetError
 NATECAM_NAME = Path("natecam")
 
 
-def file_rig(calib: Path, left: Path) -> Rig:
-    """Return a reader of a calibration file that checks it against the size of the images.
+@dataclass(frozen=True)
+class FileRig:
+    """Reads a calibration file, and checks it against the size of the images.
 
-    The reader raises DatasetError that names the file.
-
-    Args:
-        calib: The calibration file.
+    Attributes:
+        file: The calibration file.
         left: The left image of the pair.
     """
 
-    def rig(width: int, height: int) -> Calibration:
+    file: Path
+    left: Path
+
+    def __call__(self, width: int, height: int) -> Calibration:
+        """Return the calibration of images of a size [px]. Raises DatasetError that names the file."""
         try:
-            calibration = read_calibration(calib, image=left)
+            calibration = read_calibration(self.file, image=self.left)
         except (ValueError, FileNotFoundError) as error:
             raise DatasetError(f"{error}; give --calib, or --focal and --baseline, instead") from None
         size, baseline = calibration.size, calibration.baseline
         if size is not None and size != (width, height):
-            raise DatasetError(f"{calib}: is for {size[0]} x {size[1]} px, {left} is {width} x {height}")
+            raise DatasetError(f"{self.file}: is for {size[0]} x {size[1]} px, {self.left} is {width} x {height}")
         if not np.isfinite(baseline) or baseline <= 0:
-            raise DatasetError(f"{calib}: the baseline is {baseline:g} m; are left and right exchanged?")
+            raise DatasetError(f"{self.file}: the baseline is {baseline:g} m; are left and right exchanged?")
         if baseline > WIDEST_BASELINE:
             raise DatasetError(
-                f"{calib}: the baseline is {baseline:g} m, over {WIDEST_BASELINE:g}; is it in millimetres?"
+                f"{self.file}: the baseline is {baseline:g} m, over {WIDEST_BASELINE:g}; is it in millimetres?"
             )
         return calibration
-
-    return rig
 
 
 def given_rig(config: DataConfig) -> Rigs | None:
@@ -66,7 +68,7 @@ def given_rig(config: DataConfig) -> Rigs | None:
     if not path.is_file():
         raise DatasetError(f"{path}: no such calibration file")
     if (sensors := oaisys_rig(path, config)) is None:
-        return lambda calib, left: file_rig(path, left)
+        return lambda calib, left: FileRig(path, left)
     rig: Calibration = sensors
 
     def from_oaisys(left: Path) -> Rig:

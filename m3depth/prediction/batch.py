@@ -21,16 +21,18 @@ from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.overview import RATE, write_fused_cloud, write_sheet, write_video
+from m3depth.prediction.overview import FUSED, RATE, write_fused_cloud, write_sheet, write_video
 from m3depth.prediction.result_bag import write_bag
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import make_calibration
-from m3depth.prediction.sources.inputs import Inputs, PairInput
+from m3depth.prediction.sources.inputs import Inputs
+from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.poses import rover_pose
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from m3depth.prediction.step_figure import steps_record
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
+from marssim.base.command.run import describe
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import counted
 from marssim.base.files.json_file import read_json
@@ -41,22 +43,11 @@ MARK = "predictions.json"  # settings of the pairs in a folder
 PERCENTILES = (5, 50, 95)  # of depth, in the record
 THOROUGH = 10  # every pair of this number is matched both ways round to check it
 NOT_SETTINGS = (
-    "images",
-    "out",
-    "weights",
-    "estimator",
-    "left",
-    "right",
-    "poses",
-    "calib",
-    "mask",
-    "voxel",
-    "video",
-    "view",
-)
+    "images", "out", "weights", "estimator", "left", "right", "poses", "calib", "raw", "mask", "voxel", "video", "view",
+)  # fmt: skip
 
 
-class _WrongCalibration(Exception):
+class WrongCalibration(ValueError):
     """The calibration of a pair cannot be used."""
 
 
@@ -80,8 +71,9 @@ def batch_folder(options: PredictOptions, inputs: Inputs) -> ResultFolder:
     method = method_record(options)
     settings = {
         **{name: _plain(value) for name, value in vars(options).items() if name not in NOT_SETTINGS},
+        **vars(options.raw),
         "estimator": method["estimator"], "weights": method["sha256"], "runtime": method["runtime"],
-        **inputs.state(options),
+        **inputs.state(),
         "Code": source_digest(("marssim", "m3depth")),
     }  # fmt: skip
     digests = ("images", "calibration, masks and poses")
@@ -98,13 +90,44 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
+def read_and_prepare(
+    inputs: Inputs, pair: PairInput, options: PredictOptions, thorough: bool = True
+) -> tuple[PairInput, PreparedPair]:
+    """Read a pair, check it, and align it.
+
+    Args:
+        inputs: All pairs.
+        pair: The pair.
+        options: The command's flags that remain for pairs that are read.
+        thorough: See `prepare`.
+
+    Returns:
+        The pair as it is read, and as the method sees it.
+
+    Raises:
+        WrongCalibration: The calibration cannot be used; the message names it.
+        ValueError, OSError: The pair cannot be used; the message names a file.
+        EndOfVideo: The video ends before this pair.
+    """
+    read = inputs.read(pair)
+    height, width = read.left.shape[:2]
+    try:
+        calibration = make_calibration(options, height, width, pair.given[0], read.pair.calibration)
+    except (ValueError, FileNotFoundError) as error:
+        raise WrongCalibration(str(error)) from None
+    return read.pair, prepare(
+        read.left, read.right, calibration, options, inputs.labels(pair), inputs.files(pair), thorough, read.valid,
+        read.rectified,
+    )  # fmt: skip
+
+
 def record_of(
     pair: PairInput, inputs: Inputs, rig: StereoRig, method: Method, options: PredictOptions
 ) -> dict[str, Any]:
     """Return what prediction.json holds but what was done to the rows.
 
     Args:
-        pair: The pair.
+        pair: The pair, as it is read.
         inputs: All pairs.
         rig: The cameras.
         method: The method.
@@ -115,25 +138,19 @@ def record_of(
     """
     pose = inputs.pose(pair, rig, options)
     if pose is None and options.cloud_frame == "world":
-        raise ValueError("--cloud-frame world needs poses: give --poses")
+        name = pair.name or str(pair.given[0])
+        raise ValueError(f"{name}: has no pose, which --cloud-frame world needs: give --poses")
     return {
         **method.record,
         "left": str(pair.left), "right": str(pair.right),
         **({} if pair.raw is None else {"raw": [str(path) for path in pair.raw]}),
         **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
-        "camera_to_rover": _on_rover(pair, options, rig.baseline).tolist(),
+        "camera_to_rover": rover_pose(options, pair.given[0], rig.baseline, pair.on_rover).tolist(),
         "pose": None if pose is None else pose.tolist(),
         "world": pair.group or None,
         "cloud_frame": options.cloud_frame,
     }  # fmt: skip
-
-
-def _on_rover(pair: PairInput, options: PredictOptions, baseline: float) -> np.ndarray:
-    """Return the pose of the left camera on the rover, (4, 4): that of --mount, of a bag, or else rover_pose's."""
-    if pair.on_rover is not None and options.mount is None:
-        return pair.on_rover
-    return rover_pose(options, pair.left, baseline)
 
 
 def cloud_pose(record: dict[str, Any]) -> np.ndarray:
@@ -180,6 +197,8 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
     """
     folder = batch_folder(options, inputs)
     folder.check()
+    if options.cloud_frame == "world" and not any(map(inputs.has_pose, inputs.pairs)):
+        raise ValueError("--cloud-frame world needs poses: give --poses")
     is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
     method = None if is_whole else load()
     with folder.claim(), stop_on_signal() as signals:
@@ -187,7 +206,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
         if signals:
             raise KeyboardInterrupt
         if not batch.done:
-            raise ValueError(next(iter(batch.skipped.values()), "there are no pairs"))
+            raise ValueError(next(iter(batch.skipped.values()), f"{inputs.pairs[0].given[0]}: no pair can be read"))
         _write_overview(options, inputs, batch)
     return batch
 
@@ -207,36 +226,28 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
             shown = near, far
             break
 
-    def ready(pair: PairInput) -> PreparedPair:
-        left, right = inputs.read(pair)
-        height, width = left.shape[:2]
-        try:
-            calibration = make_calibration(options, height, width, pair.left, pair.calibration)
-        except (ValueError, FileNotFoundError) as error:
-            raise _WrongCalibration(str(error)) from None
+    def ready(pair: PairInput) -> tuple[PairInput, PreparedPair]:
         thorough = pair.number // options.every % THOROUGH == 0
-        return prepare(
-            left, right, calibration, options, inputs.labels(pair), inputs.files(pair), thorough, inputs.valid(pair)
-        )
+        return read_and_prepare(inputs, pair, options, thorough)
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None
         for pair, prepared in zip(watched(rest, "pair", "predict"), _ahead(reader, ready, rest)):
+            assert method is not None
             try:
-                work = prepared.result()
+                read, work = prepared.result()
+                record = record_of(read, inputs, work.rig, method, options)
             except EndOfVideo:
                 tqdm.write(f"warning: the video ends at {pair.name}, before its header says", file=sys.stderr)
                 break
-            except _WrongCalibration as error:  # which is most likely that of all pairs
-                raise ValueError(str(error)) from None
-            except (ValueError, FileNotFoundError) as error:
-                batch.skipped[pair.name] = str(error)
-                tqdm.write(f"warning: {pair.name} is skipped: {error}", file=sys.stderr)
+            except (ValueError, OSError) as error:
+                if isinstance(error, WrongCalibration) and shown is None:
+                    raise  # it is most likely that of all pairs
+                batch.skipped[pair.name] = describe(error)
+                tqdm.write(f"warning: {pair.name} is skipped: {describe(error)}", file=sys.stderr)
                 continue
             for message in work.warnings:
                 tqdm.write(f"warning: {pair.name}: {message}", file=sys.stderr)
-            assert method is not None
-            record = record_of(pair, inputs, work.rig, method, options)
             result = predict_pair(work, method, options)
             if shown is None:
                 shown = depth_range_shown(result.prediction.depth)
@@ -259,10 +270,10 @@ def _is_done(options: PredictOptions, pair: PairInput) -> bool:
 
 
 def _ahead(
-    pool: ThreadPoolExecutor, make: Callable[[PairInput], PreparedPair], pairs: Sequence[PairInput]
-) -> Iterator[Future[PreparedPair]]:
+    pool: ThreadPoolExecutor, make: Callable[[PairInput], tuple[PairInput, PreparedPair]], pairs: Sequence[PairInput]
+) -> Iterator[Future[tuple[PairInput, PreparedPair]]]:
     """Yield what becomes of each pair, while the next one is made."""
-    waiting: deque[Future[PreparedPair]] = deque()
+    waiting: deque[Future[tuple[PairInput, PreparedPair]]] = deque()
     for pair in pairs:
         waiting.append(pool.submit(make, pair))
         if len(waiting) > 1:
@@ -279,8 +290,11 @@ def _write_overview(options: PredictOptions, inputs: Inputs, batch: Batch) -> No
             write_video(options.out, batch.done, rate or RATE)
     if "bag" in options.write and isinstance(inputs.recording, BagPairs):
         write_bag(options.out, inputs.recording, batch.done, options.cloud_frame)
-    done = [pair for pair in inputs.pairs if pair.name in set(batch.done)]
-    if "cloud" in options.write and all(pair.pose is not None or pair.sample is not None for pair in done):
-        names = [pair.name for pair in done if read_json(options.out / pair.name / RECORD)["pose"] is not None]
-        if len(names) == len(done) and len({pair.group for pair in done}) == 1:
-            write_fused_cloud(options.out, names, options.voxel)
+    if "cloud" in options.write:
+        done = set(batch.done)
+        posed = [pair for pair in inputs.pairs if pair.name in done and inputs.has_pose(pair)]
+        if len({pair.group for pair in posed}) == 1:
+            write_fused_cloud(options.out, [pair.name for pair in posed], options.voxel)
+            if len(posed) < len(done):
+                without = counted(len(done) - len(posed), "pair")
+                print(f"note: {FUSED} lacks {without} of {len(done)}, which have no pose", file=sys.stderr)

@@ -11,7 +11,9 @@ import numpy as np
 from m3depth.prediction.figure import prediction_figure
 from m3depth.prediction.one_pair import PairPrediction
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.raw_pairs import FOLDER
 from m3depth.prediction.step_figure import steps_figure
+from m3depth.rectification.files import remove_pair
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
@@ -68,6 +70,7 @@ def write_prediction(
     record: Mapping[str, Any],
     shown: tuple[float, float],
     cloud_pose: np.ndarray,
+    with_rows: bool = False,
 ) -> int:
     """Write the files of one pair that the flags ask for, each in one step, and delete those of an earlier run.
 
@@ -78,6 +81,7 @@ def write_prediction(
         record: Content of prediction.json, which is written last.
         shown: Nearest and farthest depth [m] of the picture's scale.
         cloud_pose: (4, 4) camera to the frame of the point cloud.
+        with_rows: Whether to draw the rows of a pair that was raw, which takes some seconds.
 
     Returns:
         The number of points of the cloud; 0 without one.
@@ -102,13 +106,19 @@ def write_prediction(
             result.left, result.prediction, result.rig, options.cloud_confidence, options.max_range
         )
         if options.cloud_frame != "camera":
-            points = (points @ cloud_pose[:3, :3].T + cloud_pose[:3, 3]).astype(np.float32)
+            points = points @ cloud_pose[:3, :3].T + cloud_pose[:3, 3]
         write_atomically(out / CLOUD, encode_ply(points, colours))
         count = len(points)
     if "figure" in options.write:
         prediction_figure(result.left, result.prediction, out / FIGURE, shown)
     if result.difference is not None:
         write_atomically(out / DIFFERENCE, encode_npy(result.difference))
+    if result.rectified is not None:
+        result.rectified.write(out / FOLDER, with_rows)
+    elif (out / FOLDER).is_dir():
+        read = [Path(record["left"]), Path(record["right"]), *options.calib, *options.mask]
+        if not any(path.resolve().is_relative_to((out / FOLDER).resolve()) for path in read):
+            remove_pair(out / FOLDER)  # of an earlier pair
     if result.steps:
         steps_figure(result.steps, result.rig.fb, result.common, shown, out / STEPS)
     write_json(out / RECORD, dict(record), sort_keys=False)

@@ -46,11 +46,11 @@ class FusedCloud:
         )  # fmt: skip
 
     def result(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean points (M, 3) float32 [m] and colours (M, 3) uint8, one for each cube that holds any."""
+        """Return the mean points (M, 3) [m] and colours (M, 3) uint8, one for each cube that holds any."""
         if self._origin is None:
-            return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+            return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
         mean = self._sums[:, :6] / self._sums[:, 6:]
-        return (mean[:, :3] + self._origin).astype(np.float32), np.round(mean[:, 3:]).astype(np.uint8)
+        return mean[:, :3] + self._origin, np.round(mean[:, 3:]).astype(np.uint8)
 
     def encode(self) -> bytes:
         """Return the cloud as the content of a PLY file."""

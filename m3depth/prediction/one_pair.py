@@ -17,6 +17,7 @@ from m3depth.prediction.masks import read_valid, seen_by_mask, unknown_where, un
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.pair_checks import check_pair, empty_or_same, rows_of
 from m3depth.prediction.settings import with_settings
+from m3depth.rectification.checked import CheckedPair
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.prediction import Prediction, StepMap
@@ -83,6 +84,7 @@ class PreparedPair:
         removed: The misalignment of the rows that was taken out, or None.
         left_valid, right_valid: (H, W) bool, where the images show the scene, or None.
         warnings: What speaks against the pair, without making its result meaningless.
+        rectified: What is to be written of a pair that was raw.
     """
 
     left: np.ndarray
@@ -94,6 +96,7 @@ class PreparedPair:
     left_valid: np.ndarray | None
     right_valid: np.ndarray | None
     warnings: Sequence[str]
+    rectified: CheckedPair | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,7 @@ class PairPrediction:
         agreeing: How many of them agree.
         steps: Disparity after each refinement step, with --steps, without the common disparity.
         common: Common disparity that stayed out while the pair was matched [px].
+        rectified: What is to be written of a pair that was raw.
     """
 
     left: np.ndarray
@@ -121,6 +125,7 @@ class PairPrediction:
     agreeing: int = 0
     steps: Sequence[StepMap] = ()
     common: float = 0.0
+    rectified: CheckedPair | None = None
 
 
 def prepare(
@@ -131,7 +136,8 @@ def prepare(
     labels: tuple[str, str] = ("left", "right"),
     files: tuple[Path, Path] | None = None,
     thorough: bool = True,
-    valid: tuple[np.ndarray | None, np.ndarray | None] | None = None,
+    valid: tuple[np.ndarray | None, np.ndarray | None] = (None, None),
+    rectified: CheckedPair | None = None,
 ) -> PreparedPair:
     """Check a pair and align it.
 
@@ -144,6 +150,7 @@ def prepare(
         thorough: Whether to match the pair both ways round too, which takes as long as fitting the rows. Without it,
             that is done only where the rows do not show that the images are a rectified pair.
         valid: Where the images show the scene, (H, W) bool each, or None, beside what masks say.
+        rectified: What is to be written of a pair that was raw; its warnings come first.
 
     Raises:
         FileNotFoundError: A mask is missing.
@@ -156,10 +163,10 @@ def prepare(
     paths = (None, None) if files is None else files
     masks = [*options.mask, None, None][:2]
     masked = [read_valid(path, mask, (height, width)) for path, mask in zip(paths, masks)]
-    left_valid, right_valid = map(_both, masked, valid or (None, None))
+    left_valid, right_valid = map(_both, masked, valid)
     right = align_right(right, moved)
     rows = rows_of(left, right, rig)
-    warnings = []
+    warnings = [] if rectified is None else list(rectified.warnings)
     if thorough or rows is None or rows.significant or empty_or_same(left, right) is not None:
         for fatal, message in check_pair(left, right, rig, rows, options.align_rows, labels):
             if fatal and not options.unchecked:
@@ -168,7 +175,7 @@ def prepare(
     removed = rows if options.align_rows and rows is not None and rows.significant else None
     if removed is not None:
         right = aligned_right(right, rig, removed)
-    return PreparedPair(left, right, rig, common, moved, removed, left_valid, right_valid, warnings)
+    return PreparedPair(left, right, rig, common, moved, removed, left_valid, right_valid, warnings, rectified)
 
 
 def _both(first: np.ndarray | None, second: np.ndarray | None) -> np.ndarray | None:
@@ -209,8 +216,9 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     prediction = given_back(prediction, pair.rig, pair.common)
     steps = refinement_steps(pair, method, nearest, options.max_pixels) if options.steps else []
     return PairPrediction(
-        pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common
-    )
+        pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common,
+        pair.rectified,
+    )  # fmt: skip
 
 
 def refinement_steps(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,10 +11,12 @@ import tyro
 
 from m3depth.datasets.config import Format, Split
 from m3depth.estimator import M3DEPTH
+from m3depth.rectification.options import RawOptions
 from m3depth.runtimes.choice import RuntimeChoice
 from marssim.base.dataset.map_file import MAP_KINDS, MapFormat, MapKind
 
 CloudFrame = Literal["camera", "rover", "world"]
+Rectify = Literal["auto", "always", "never"]
 
 NEAREST_LIMITS = (0.01, 1000.0)  # [m]
 
@@ -59,10 +61,13 @@ class PredictOptions:
     """Calibration file of the pairs, or "natecam" for Zhurong's cameras; --focal, --baseline, --cx and --cy replace its
     values. For ROS's CameraInfo, give the files of the left and the right eye, or that of the right one alone. Without
     it, that of the dataset, or the rig.json of m3depth.rectify beside the images."""
-    rectify: Literal["auto", "always", "never"] = "auto"
+    rectify: Rectify = "auto"
     """Whether to rectify the images first; auto does so with products of rovers and where --calib is of raw cameras
     alone. CameraInfo of ROS and OpenCV's files with P1 and P2 are of rectified images too: for raw images, always. Then
-    --focal is that of the rectified images, and --mask is of the raw ones. m3depth.rectify has more settings."""
+    --focal is that of the rectified images, and --mask is of the raw ones. In a bag, raw images whose topic does not
+    say rect are rectified by their CameraInfo; always and never override that."""
+    raw: Annotated[RawOptions, tyro.conf.arg(name="")] = field(default_factory=RawOptions)
+    """How raw images are rectified; m3depth.rectify also has --size and --shift."""
     cx: float | None = None
     """Column of the left image's principal point [px], counted from 0. Without it, the calibration's or the middle."""
     cy: float | None = None
@@ -72,7 +77,8 @@ class PredictOptions:
     rover itself. The NAME_valid.png that m3depth.rectify writes beside NAME.png are taken in any case."""
     poses: Path | None = None
     """File of the left camera's poses, camera to world, with a line for each pair: twelve numbers, the rows of [R t]
-    (KITTI), or eight, time, position and quaternion x y z w (TUM). Datasets of marssim have poses of their own."""
+    (KITTI), or eight, time, position and quaternion x y z w (TUM). Of raw images, they are those of the raw camera.
+    Datasets of marssim have poses of their own."""
     pose_axes: Literal["z-up", "camera"] = "z-up"
     """Axes of the world of --poses: z-up, or camera: those of the first left camera (x right, y down, z forward), as
     visual odometry gives them. Then the rover's frame at the first pair becomes the world."""
@@ -168,6 +174,8 @@ class PredictOptions:
             raise ValueError("give a left and a right image, a folder, a list, a video, a bag, or --left and --right")
         if not 0 <= self.stamp_tolerance <= 10:
             raise ValueError(f"stamp_tolerance must lie in [0, 10] s, got {self.stamp_tolerance:g}")
+        if self.raw.align and self.rectify == "never":
+            raise ValueError("align rectifies the images: leave out --rectify never")
         if self.steps and self.runtime == "openvino":
             raise ValueError("steps runs in PyTorch: leave out --runtime openvino")
         if "bag" in self.write and "depth" not in self.write:

@@ -114,8 +114,8 @@ def check_pair(
         if fatal or (doubtful and not aligned):
             message = (
                 f"the rows of {names[0]} and {names[1]} lie {rows.size:.1f} px apart (by {rows.points} points; up to "
-                f"{rows.largest:.1f} px in a corner): the pair is not rectified (--calib with --rectify always, or "
-                "m3depth.rectify, does that)"
+                f"{rows.largest:.1f} px in a corner): the pair is not rectified (--calib with --rectify always does "
+                "that, and --align without a calibration)"
             )
             return [(fatal, message)]
     if shares[0] < LITTLE:

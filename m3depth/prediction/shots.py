@@ -13,7 +13,8 @@ import numpy as np
 from m3depth.datasets.image_files import read_pair
 from m3depth.prediction.files import RECORD, trusted_pixels
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.inputs import Inputs, PairInput
+from m3depth.prediction.sources.inputs import Inputs
+from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.video_frames import VideoFrames
 from m3depth.stereo.pairs import in_colour
 from marssim.base.camera import StereoRig
@@ -40,7 +41,7 @@ def predicted_shots(options: PredictOptions, inputs: Inputs, pairs: Sequence[Pai
         pose = record["camera_to_rover"] if record["pose"] is None else record["pose"]
         # pairs without poses have no common world
         world = f"{record['world']}" if record["pose"] is not None else pair.name
-        name = pair.name or pair.left.name
+        name = pair.name or pair.given[0].name
         shots.append(Shot(name, np.array(pose, float), partial(_view, options, inputs, pair, record), world))
     return shots
 
@@ -72,4 +73,4 @@ def _left_image(inputs: Inputs, pair: PairInput) -> np.ndarray:
         return in_colour(read_pair(pair.left, pair.right)[0])
     if isinstance(inputs.recording, VideoFrames):
         inputs = replace(inputs, recording=VideoFrames(inputs.recording.paths))
-    return in_colour(inputs.read(pair)[0])
+    return in_colour(inputs.read(pair).left)

@@ -72,7 +72,8 @@ def steps_picture(steps: Sequence[StepMap], fb: float, common: float, shown: tup
     panels = []
     for number, (step, mean) in enumerate(zip(steps, changes(steps), strict=True)):
         with np.errstate(divide="ignore"):
-            depth = np.where(step.disparity == 0, np.inf, fb / (step.disparity + common))
+            beyond = (step.disparity == 0) | (step.disparity + common < 0)  # a step may overshoot infinity
+            depth = np.where(beyond, np.inf, fb / (step.disparity + common))
         height, width = step.working_size
         above = titled(f"{step.name} in {width} x {height} px", sized(depth_colours(depth, near, far), WIDEST))
         if number == 0:

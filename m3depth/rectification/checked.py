@@ -81,7 +81,7 @@ def rectified(options: RectifyOptions, left: RawImage, right: RawImage) -> Check
     warnings = [] if cameras is None else _lens_warnings(cameras, options, (left, right))
     for number, mask in enumerate(options.mask):
         left, right = (masked(left, mask), right) if number == 0 else (left, masked(right, mask))
-    pair = rectify_pair(left, right, cameras, options.focal, options.size, options.shift, options.align)
+    pair = rectify_pair(left, right, cameras, options.focal, options.size, options.shift, options.raw.align)
     warnings += _judged(pair, left, right, options)
     return CheckedPair(left, right, pair, make_report(left, right, pair, source), warnings)
 
@@ -94,11 +94,11 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
     """
     if options.calib:
         name = " and ".join(map(str, options.calib))
-        cameras = read_pair(options.calib, options.fisheye)
+        cameras = read_pair(options.calib, options.raw.fisheye)
     elif left.label is not None and left.label.camera is not None:
         name = "the labels of the images"
         cameras = labelled_pair((left.label, right.label), (left.path, right.path))
-    elif options.align:
+    elif options.raw.align:
         for flag, value in (("--focal", options.focal), ("--size", options.size), ("--shift", options.shift)):
             if value is not None:
                 raise ValueError(f"{flag} needs a calibration: without one the images keep their geometry")
@@ -153,7 +153,7 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
     if matches.after.median > WRONG_ROWS * max(1.0, pair.left_valid.shape[1] / FULL_WIDTH):
         apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
         question = "is the calibration that of these images, and the left image the first one?"
-        findings.append((True, f"{apart}: {question} m3depth.rectify --align fits the rows to matches"))
+        findings.append((True, f"{apart}: {question} --align fits the rows to matches"))
     elif matches.before.median < IN_ROWS and matches.after.median > expected_most:
         rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after"
         findings.append((True, f"the rows of {names} lay {rows}: are the images rectified already?"))

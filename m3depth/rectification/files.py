@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from m3depth.rectification.pair import RectifiedPair
+from m3depth.rectification.placing import rectified_to_rover
 from m3depth.rectification.raw_image import RawImage
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
 from marssim.base.files.png import encode_png
 
-RIG = "rig.json"
-ROVER_FRAME = "ROVER_NAV_FRAME"  # of labels
-Z_UP = np.diag([1.0, -1.0, -1.0])  # y right, z down to y left, z up
+RIG, REPORT, ROWS = "rig.json", "report.json", "rows.png"
 NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
 
 
@@ -47,10 +47,21 @@ def write_pair(
     if with_picture:
         from m3depth.rectification.figure import rows_figure  # loads matplotlib
 
-        rows_figure(left, right, pair, out / "rows.png")
+        rows_figure(left, right, pair, out / ROWS)
     else:
-        (out / "rows.png").unlink(missing_ok=True)
-    write_json(out / "report.json", report, sort_keys=False)
+        (out / ROWS).unlink(missing_ok=True)
+    write_json(out / REPORT, report, sort_keys=False)
+
+
+def remove_pair(out: Path) -> None:
+    """Delete the files of write_pair, and the folder if nothing else is in it; without its report, nothing."""
+    if not (out / REPORT).is_file():
+        return
+    images = [f"{eye}{end}.png" for eye in ("left", "right") for end in ("", "_valid")]
+    for name in (*images, ROWS, RIG, REPORT):
+        (out / name).unlink(missing_ok=True)
+    with suppress(OSError):  # the folder is not empty
+        out.rmdir()
 
 
 def rig_dict(pair: RectifiedPair) -> dict[str, Any] | None:
@@ -69,17 +80,10 @@ def rig_dict(pair: RectifiedPair) -> dict[str, Any] | None:
 
 
 def camera_to_rover(pair: RectifiedPair) -> np.ndarray | None:
-    """Return the pose of the rectified left camera on the rover, where the labels give it: (4, 4) camera to rover.
-
-    The rover's frame here is that of the project, x ahead, y left, z up. The labels' has y right and z down, with the
-    origin on the ground (rover navigation frame of Mars 2020 and MSL).
-    """
-    if pair.view is None or pair.cameras is None or not pair.cameras.left.frame.startswith(ROVER_FRAME):
+    """Return the pose of the rectified left camera on the rover, where the labels give it: (4, 4) camera to rover."""
+    if pair.view is None or pair.cameras is None:
         return None
-    pose = np.eye(4)
-    pose[:3, :3] = Z_UP @ pair.view.rotation.T
-    pose[:3, 3] = Z_UP @ pair.cameras.left.centre
-    return pose
+    return rectified_to_rover(pair.cameras, pair.view.rotation)
 
 
 def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibration: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,17 @@ import numpy as np
 import tyro
 
 LARGEST = 16_384  # [px] side of a rectified image
+
+
+@dataclass(frozen=True)
+class RawOptions:
+    """How raw images are rectified, by m3depth.rectify and by m3depth.predict."""
+
+    align: bool = False
+    """Fit the rows of raw images to matches with six terms: for a calibration that is nearly right, or for none.
+    Without it, a constant row offset is taken out."""
+    fisheye: bool = False
+    """Take four coefficients of distortion in OpenCV's names for those of cv2.fisheye."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +35,8 @@ class RectifyOptions:
     calib: tuple[Path, ...] = ()
     """Calibration of the raw cameras: one file of the pair, or those of the left and of the right camera. Without it,
     the labels of the images."""
-    fisheye: bool = False
-    """Take four coefficients of distortion in OpenCV's names for those of cv2.fisheye."""
+    raw: Annotated[RawOptions, tyro.conf.arg(name="")] = field(default_factory=RawOptions)
+    """How the images are rectified."""
     focal: float | None = None
     """Focal length of the rectified images [px]. Without it, the shortest one that leaves no empty border, between half
     of the lenses' own and all of it."""
@@ -34,9 +45,6 @@ class RectifyOptions:
     shift: float | None = None
     """Disparity [px] to take out of all pixels, which rig.json gives back. Without it, one is chosen where the cameras
     are turned towards each other; 0 takes out none."""
-    align: bool = False
-    """Fit the rows to matches with six terms: for a calibration that is nearly right, or for none. Without it, a
-    constant row offset is taken out."""
     mask: tuple[Path, ...] = ()
     """Mask of the left raw image, or of both: an image file whose pixels of 0 are left out, such as those of the rover
     itself."""

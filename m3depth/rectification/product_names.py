@@ -10,9 +10,22 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+SUFFIXES = (".img", ".vic", ".red", ".lbl", ".xml")  # of products, and of their detached labels
+
 # camera, eye, the rest up to the kind of product, the rest
 M2020 = re.compile(r"([NFRZS])(L)([A-Z0-9_]{2}\d{4}_\d{10}_\d{3}[A-Z]{3}_)(.*)")
 MSL = re.compile(r"([NFR])(L)([AB]_\d{9}[A-Z]{3}_)(.*)")
+
+
+def is_product(path: Path) -> bool:
+    """Return whether a file is a product of a mission by the end of its name."""
+    return path.suffix.lower() in SUFFIXES and path.is_file()
+
+
+def label_beside(path: Path) -> Path | None:
+    """Return the label in a file of its own beside a product; None if there is none."""
+    others = (file for file in path.parent.glob(f"{path.stem}.*") if file.suffix.lower() in (".lbl", ".xml"))
+    return next((file for file in sorted(others) if file != path), None)
 
 
 def left_products(folder: Path) -> list[Path]:

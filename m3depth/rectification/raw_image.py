@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from m3depth.datasets.image_files import decode_image, read_image
+from m3depth.rectification.product_names import is_product, label_beside
 from m3depth.rectification.products import read_product
 from m3depth.stereo.pairs import in_colour, in_grey
 from marssim.base.calibration.product_label import ProductLabel, check_pair
@@ -101,10 +102,22 @@ def for_matching(pixels: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 def _read(path: Path, label: ProductLabel | None) -> RawImage:
     if label is None:
+        _check_label(path)
         pixels = read_image(path)
         return RawImage(path, np.ascontiguousarray(pixels), np.ones(pixels.shape[:2], bool))
     pixels, valid = read_product(path, label)
     return RawImage(path, pixels, valid, label)
+
+
+def _check_label(path: Path) -> None:
+    """Raise ValueError for a product without a label, which a cut file may have lost."""
+    if not is_product(path):
+        return
+    if (label := label_beside(path)) is not None:
+        raise ValueError(f"{path}: has no label of its own; give the label beside it, {label.name}")
+    raise ValueError(
+        f"{path}: does not begin with a label of PDS or VICAR: is it whole? It has {path.stat().st_size} bytes"
+    )
 
 
 def _in_16_bits(a: RawImage, b: RawImage) -> tuple[RawImage, RawImage]:

@@ -12,7 +12,7 @@ from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.pair_files import Rig, Rigs
-from m3depth.datasets.rigs import file_rig, given_rig
+from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.prediction.masks import is_valid_mask
 from marssim.base.calibration.rectified import align_right
 from marssim.base.camera import StereoRig
@@ -66,7 +66,7 @@ def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:
     rigs = given_rig(config)
     if rigs is None and not (root / "calib.txt").is_file():
         raise DatasetError(f"{root}: pairs need --calib, or --focal and --baseline, or {root / 'calib.txt'}")
-    return list(_pairs(root, config, rigs or file_rig))
+    return list(_pairs(root, config, rigs or FileRig))
 
 
 def _pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[ImagePair]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,15 @@ import numpy as np
 
 from m3depth.datasets.image_files import as_pair
 from m3depth.datasets.pair_files import Rig
+from m3depth.prediction.masks import read_valid
+from m3depth.prediction.options import Rectify
 from m3depth.prediction.sources.raw_eye import RawEye
 from marssim.base.bags.camera_info import raw_camera, rectified_camera, shows_raw_images
 from marssim.base.bags.images import check_encoding, image_array
 from marssim.base.bags.messages import SECOND
 from marssim.base.bags.names import BASE_LINK
 from marssim.base.bags.reader import Bag, stamp_of
-from marssim.base.bags.stereo_topics import find_stereo_topics, match_stamps
+from marssim.base.bags.stereo_topics import find_stereo_topics, is_rectified, match_stamps
 from marssim.base.bags.transforms import read_transforms
 from marssim.base.calibration.camera_info import CameraInfo
 from marssim.base.calibration.rectified import Calibration, calibration_of_infos
@@ -55,6 +58,9 @@ class BagPairs:
         infos: Topics of their CameraInfo; None for those beside the images.
         tolerance: Largest difference of two stamps of a pair [s].
         needs_infos: Whether the bag must have a CameraInfo of both eyes.
+        rectify: Whether raw images are rectified: auto does so unless the name of their topic says that they are not.
+        masks: Masks of the left images, or of both eyes, as they are in the bag; images that are rectified here take
+            them with them.
 
     Raises:
         ImportError: `rosbags` is not installed.
@@ -68,6 +74,8 @@ class BagPairs:
         infos: tuple[str, str] | None = None,
         tolerance: float = 0.01,
         needs_infos: bool = True,
+        rectify: Rectify = "auto",
+        masks: Sequence[Path] = (),
     ) -> None:
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file or folder")
@@ -86,7 +94,8 @@ class BagPairs:
         self.rate = rate if rate >= 1 else 0.0
         t = self.topics
         sides = ((t.left, t.left_info), (t.right, t.right_info)) if needs_infos else ()
-        self._eyes = [self._read_eyes(image, info) for image, info in sides]
+        of_eyes = [*masks, None, None]
+        self._eyes = [self._read_eyes(*side, rectify, mask) for side, mask in zip(sides, of_eyes)]
         self._infos = self._calibrations() if needs_infos else []
         self.is_raw = any(eye.raw is not None for eyes in self._eyes for eye in eyes)
         if self.is_raw:
@@ -176,8 +185,14 @@ class BagPairs:
                 raise DatasetError(f"{self.bag.path}, {self.topics.left_info}: {error}") from None
         return calibrations
 
-    def _read_eyes(self, image: str, topic: str | None) -> list[_Eye]:
+    def _read_eyes(self, image: str, topic: str | None, rectify: Rectify, mask: Path | None) -> list[_Eye]:
         """Return an eye for each CameraInfo that differs from the one before, by their stamps.
+
+        Args:
+            image: Topic of the images.
+            topic: That of their CameraInfo.
+            rectify: See the class.
+            mask: Mask of the images.
 
         Raises:
             DatasetError: There is no CameraInfo, or it holds no calibration that can be used.
@@ -198,11 +213,12 @@ class BagPairs:
             last = content
             try:
                 info, raw = rectified_camera(message), None
-                if "rect" not in image and shows_raw_images(message):
+                is_asked = rectify == "always" or (rectify == "auto" and not is_rectified(image))
+                if is_asked and shows_raw_images(message):
                     p = info.projection
                     assert info.size is not None
                     ideal = PinholeCamera(*info.size, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
-                    raw = RawEye(raw_camera(message), ideal)
+                    raw = RawEye(raw_camera(message), ideal, read_valid(None, mask, info.size[::-1]))
             except ValueError as error:
                 raise DatasetError(f"{self.bag.path}, {topic}: {error}") from None
             eyes.append(_Eye(stamp_of(message), info, raw))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,69 +14,24 @@ from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners, read_list
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.open import PairList, detect, open_pairs
-from m3depth.datasets.pair_files import Rig
-from m3depth.datasets.rigs import NATECAM_NAME, file_rig
+from m3depth.datasets.rigs import NATECAM_NAME, FileRig
 from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import RIG
+from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.prediction.sources.poses import read_poses, rover_pose
-from m3depth.prediction.sources.raw_pairs import (
-    FOLDER,
-    RawPairs,
-    files_in,
-    find_products,
-    is_product,
-    must_be_rectified,
-)
+from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
-from m3depth.rectification.product_names import right_of
+from m3depth.rectification.product_names import is_product, right_of
 from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
+from marssim.base.command.input_file import check_file
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.pose import recorded_pose
-
-
-@dataclass(frozen=True)
-class PairInput:
-    """One pair.
-
-    Attributes:
-        name: Path of its results below --out.
-        left, right: The images, or the recordings that they are in.
-        calibration: Reads its own calibration; None if the flags give it.
-        calibration_file: The file that it is in, where patterns or a list lead to it.
-        number: Its place in the order of the pairs, or its number in a recording.
-        sample: sample.json of a dataset, which may hold the pose of the camera.
-        pose: (4, 4) left camera to the world of --poses or of a bag.
-        on_rover: (4, 4) left camera to rover, where a bag says so.
-        raw: The raw images, or the recordings that they are in, of a pair that is rectified here; `left` and `right`
-            are then the rectified ones, which `Inputs.read` writes.
-    """
-
-    name: str
-    left: Path
-    right: Path
-    calibration: Rig | None = None
-    calibration_file: Path | None = None
-    number: int = 0
-    sample: Path | None = None
-    pose: np.ndarray | None = None
-    on_rover: np.ndarray | None = None
-    raw: tuple[Path, Path] | None = None
-
-    @property
-    def given(self) -> tuple[Path, Path]:
-        """The images as the user has them."""
-        return (self.left, self.right) if self.raw is None else self.raw
-
-    @property
-    def group(self) -> str:
-        """Scene of a pair of a dataset; pairs of one scene have one world."""
-        return "" if self.sample is None else self.name.rpartition("/")[0]
 
 
 @dataclass(frozen=True)
@@ -87,15 +43,17 @@ class Inputs:
         single: Whether it is one pair whose results lie in --out itself.
         recording: The video or the bag that the pairs are in, if they are in one.
         rectification: Rectifies the pairs, if they are raw.
+        flag_files: The calibration, the masks and the poses that the flags name.
     """
 
     pairs: tuple[PairInput, ...]
     single: bool = False
     recording: Recording | None = None
     rectification: RawPairs | None = None
+    flag_files: tuple[Path, ...] = ()
 
-    def read(self, pair: PairInput) -> tuple[np.ndarray, np.ndarray]:
-        """Return both images of a pair, uint8, grey or RGB. A raw pair is rectified, and written.
+    def read(self, pair: PairInput) -> ReadPair:
+        """Return a pair with both images; a raw pair is rectified.
 
         Raises:
             FileNotFoundError, ValueError: As m3depth.datasets.image_files.read_pair, or RawPairs.read.
@@ -103,16 +61,23 @@ class Inputs:
         """
         images = None if self.recording is None else self.recording.read(pair.number)
         if self.rectification is not None:
-            return self.rectification.read(pair.given, pair.left.parent, images)
-        return read_pair(pair.left, pair.right) if images is None else images
+            return self.rectification.read(pair, self.labels(pair), images)
+        if self.recording is None or images is None:
+            return ReadPair(pair, *read_pair(pair.left, pair.right))
+        return ReadPair(pair, *images, self.recording.valid(pair.number))
+
+    def remaining(self, options: PredictOptions) -> PredictOptions:
+        """Return the flags for pairs that are read: what rectifies them has used up calibration and masks."""
+        if self.rectification is not None:
+            return replace(options, calib=(), mask=())
+        if isinstance(self.recording, BagPairs) and self.recording.is_raw:
+            return replace(options, mask=())
+        return options
 
     def files(self, pair: PairInput) -> tuple[Path, Path] | None:
-        """Return the image files of a pair, beside which masks may lie; None if it is in a recording."""
-        return None if self.recording is not None and pair.raw is None else (pair.left, pair.right)
-
-    def valid(self, pair: PairInput) -> tuple[np.ndarray | None, np.ndarray | None] | None:
-        """Return where the images of a recording show the scene, (H, W) bool each; None if masks beside them do."""
-        return None if self.recording is None or pair.raw is not None else self.recording.valid(pair.number)
+        """Return the image files of a pair, beside which masks and the rig may lie; None if there are none."""
+        is_new = self.rectification is not None and not self.rectification.keeps_geometry
+        return None if self.recording is not None or is_new else pair.given
 
     def labels(self, pair: PairInput) -> tuple[str, str]:
         """Return what messages call the two images of a pair."""
@@ -120,34 +85,60 @@ class Inputs:
             return str(pair.given[0]), str(pair.given[1])
         return f"the left image of {pair.name}", f"the right image of {pair.name}"
 
+    def has_pose(self, pair: PairInput) -> bool:
+        """Return whether the pose of the left camera in a world is known."""
+        return pair.pose is not None or (pair.sample is not None and _sample_pose(pair.sample) is not None)
+
     def pose(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray | None:
         """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown.
+
+        Those of --poses are of the left camera as it was given. A pair that was raw has now the axes of the rectified
+        camera. The frames of a bag belong to the rectified camera, as stereo_image_proc has it.
+
+        Args:
+            pair: The pair, as it is read.
+            rig: Its cameras.
+            options: The command's flags.
 
         Raises:
             DatasetError: A file records something else than a pose; the message names it.
         """
         if pair.pose is None:
             return None if pair.sample is None else _sample_pose(pair.sample)
-        if options.poses is not None and options.pose_axes == "camera":
-            return np.asarray(rover_pose(options, self.pairs[0].left, rig.baseline) @ pair.pose)
-        return pair.pose
+        if options.poses is None:
+            return pair.pose
+        pose = pair.pose if pair.raw_frame is None else pair.pose @ pair.raw_frame
+        if options.pose_axes == "z-up":
+            return pose
+        start = self._first
+        world = rover_pose(options, start.given[0], rig.baseline, start.on_rover)
+        return np.asarray(world @ (pose if start.raw_frame is None else np.linalg.inv(start.raw_frame) @ pose))
 
-    def state(self, options: PredictOptions) -> dict[str, Any]:
-        """Return digests of the files that the results depend on, by which a run recognises its inputs.
+    @cached_property
+    def _first(self) -> PairInput:
+        """The first pair with its frames, also where it cannot be used."""
+        return self.pairs[0] if self.rectification is None else self.rectification.placed(self.pairs[0])
 
-        The calibration files of KITTI and of other benchmarks are not among them.
-        """
+    def state(self) -> dict[str, Any]:
+        """Return what identifies the files that the results depend on, by which a run recognises its inputs."""
         files = (p for pair in self.pairs for p in (*pair.given, pair.sample) if p is not None)
-        images = self.recording.paths if self.recording is not None else files
-        others = [*options.mask, *options.calib, *([] if options.poses is None else [options.poses])]
-        if self.rectification is not None:
-            others += [*self.rectification.mask, *self.rectification.calib]
-        for pair in self.pairs if self.recording is None else self.pairs[:1]:
-            if pair.raw is not None:
-                break
-            beside = (pair.calibration_file, pair.left.with_name(RIG), *map(valid_mask, (pair.left, pair.right)))
-            others += [path for path in beside if path is not None and path.is_file()]
-        return {"images": state_of_files(images), "calibration, masks and poses": state_of_files(others)}
+        state: dict[str, Any] = {}
+        if isinstance(self.recording, BagPairs):
+            state.update(left=self.recording.topics.left, right=self.recording.topics.right)
+        others = [path for path in self.flag_files if path != NATECAM_NAME]
+        if NATECAM_NAME in self.flag_files:
+            state["calib"] = str(NATECAM_NAME)
+        for pair in self.pairs:
+            if isinstance(pair.calibration, FileRig):
+                others.append(pair.calibration.file)
+            if (images := self.files(pair)) is not None:
+                beside = (images[0].with_name(RIG), *map(valid_mask, images))
+                others += [path for path in beside if path.is_file()]
+        return {
+            **state,
+            "images": state_of_files(files if self.recording is None else self.recording.paths),
+            "calibration, masks and poses": state_of_files(others),
+        }
 
 
 def find_inputs(options: PredictOptions) -> Inputs:
@@ -158,36 +149,44 @@ def find_inputs(options: PredictOptions) -> Inputs:
         FileNotFoundError: A file is missing.
         ValueError: A source cannot be used, or the poses are not as many as the pairs.
     """
+    for mask in options.mask:
+        check_file(mask, "mask")
     inputs = _find(options)
+    is_bag_alone = isinstance(inputs.recording, BagPairs) and not options.calib
     if options.every > 1 and inputs.recording is None:
         raise ValueError("--every is for videos and bags: it takes every n-th pair")
     if options.camera_info and not isinstance(inputs.recording, BagPairs):
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
+    if not inputs.pairs:
+        raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:
         poses = read_poses(options.poses)
         if len(poses) != len(inputs.pairs):
             raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(inputs.pairs)} pairs")
         pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(inputs.pairs, poses, strict=True))
         inputs = replace(inputs, pairs=pairs)
-    for first in inputs.pairs[:1]:
-        is_known = first.calibration is not None and inputs.recording is None  # a dataset's, which is rectified
-        if must_be_rectified(options, first.left) and (options.rectify == "always" or not is_known):
-            inputs = _rectified(inputs, options)
+    first = inputs.pairs[0]
+    is_rectified = first.calibration is not None and inputs.recording is None  # as those of datasets are
+    asked = options.rectify == "always" or options.raw.align
+    if not is_bag_alone and must_be_rectified(options, first.left) and (asked or not is_rectified):
+        inputs = _rectified(inputs, options)
+    if inputs.rectification is None:
+        for name, value in vars(options.raw).items():
+            if value:
+                raise ValueError(f"--{name} is of raw images: give the calibration of their cameras with --calib")
     names = [pair.name for pair in inputs.pairs]
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
-    return inputs
+    files = (*options.calib, *options.mask, *([] if options.poses is None else [options.poses]))
+    return replace(inputs, flag_files=files)
 
 
 def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:
     """Return raw pairs as pairs that are rectified when they are read. Raises ValueError as RawPairs.of."""
-    rectification = RawPairs.of(options, inputs.pairs[0].left, inputs.single)
-    pairs = []
-    for pair in inputs.pairs:
-        left, right = files_in(options.out / pair.name / FOLDER)
-        pairs.append(replace(pair, left=left, right=right, raw=(pair.left, pair.right), calibration=None))
-    return replace(inputs, pairs=tuple(pairs), rectification=rectification)
+    rectification = RawPairs.of(options, inputs.pairs[0].left)
+    pairs = tuple(rectification.named(pair, options.out) for pair in inputs.pairs)
+    return replace(inputs, pairs=pairs, rectification=rectification)
 
 
 def _find(options: PredictOptions) -> Inputs:
@@ -265,7 +264,7 @@ def _listed(file: Path) -> Iterator[PairInput]:
 
 def _with_calibration(pair: PairInput, file: Path) -> PairInput:
     """Return the pair with the calibration of a file; without one if there is no such file."""
-    return replace(pair, calibration=file_rig(file, pair.left), calibration_file=file) if file.is_file() else pair
+    return replace(pair, calibration=FileRig(file, pair.left)) if file.is_file() else pair
 
 
 def _sample_pose(file: Path) -> np.ndarray | None:
@@ -301,7 +300,7 @@ def _dataset(path: Path, options: PredictOptions) -> Iterator[PairInput]:
             folder = path / "scenes" / name
             sample = folder / "sample.json"
             yield PairInput(
-                name, folder / "left.png", folder / "right.png", file_rig(sample, folder / "left.png"), sample=sample
+                name, folder / "left.png", folder / "right.png", FileRig(sample, folder / "left.png"), sample=sample
             )
     elif isinstance(pairs, PairList):
         for pair in pairs.pairs:
@@ -320,7 +319,10 @@ def _bag(options: PredictOptions) -> Inputs:
     """Return the pairs of a ROS 2 bag."""
     (path,) = options.images
     images = None if options.left is None or options.right is None else (options.left, options.right)
-    bag = BagPairs(path, images, options.camera_info, options.stamp_tolerance, needs_infos=not options.calib)
+    bag = BagPairs(
+        path, images, options.camera_info, options.stamp_tolerance, needs_infos=not options.calib,
+        rectify=options.rectify, masks=options.mask,
+    )  # fmt: skip
     pairs = (
         PairInput(
             f"frame_{n:06d}", path, path, None if options.calib else bag.calibration(n), number=n, pose=bag.pose(n),

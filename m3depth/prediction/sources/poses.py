@@ -16,7 +16,7 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.calibration import RIG
 from marssim.base.calibration.bounded_text import read_text
 from marssim.base.files.json_file import DatasetError, read_json
-from marssim.base.pose import recorded_pose
+from marssim.base.pose import FARTHEST, recorded_pose
 from marssim.base.rover_spec import ZHURONG
 
 ROVER_KEY = "camera_to_rover"  # in a rig file
@@ -34,13 +34,15 @@ def camera_to_rover(mount: Sequence[float], baseline: float) -> np.ndarray:
     return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg))).left_eye(baseline)
 
 
-def rover_pose(options: PredictOptions, image: Path, baseline: float) -> np.ndarray:
-    """Return the pose of the left camera on the rover that --mount or else the rig file gives, or Zhurong's.
+def rover_pose(options: PredictOptions, image: Path, baseline: float, recorded: np.ndarray | None = None) -> np.ndarray:
+    """Return the pose of the left camera on the rover: by --mount, or else what a bag or a label records, or else the
+    rig file, or Zhurong's.
 
     Args:
         options: The command's flags.
         image: The left image, beside which m3depth.rectify may have written the rig file.
         baseline: Distance of the cameras [m].
+        recorded: (4, 4) what a bag or a label says.
 
     Returns:
         (4, 4) camera to rover.
@@ -50,12 +52,14 @@ def rover_pose(options: PredictOptions, image: Path, baseline: float) -> np.ndar
     """
     if options.mount is not None:
         return camera_to_rover(options.mount, baseline)
+    if recorded is not None:
+        return recorded
     file = options.calib[0] if options.calib else image.with_name(RIG)
-    recorded = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
-    if recorded is None:
+    content = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
+    if content is None:
         return ZHURONG.mount.left_eye(baseline)
     try:
-        return recorded_pose(recorded)
+        return recorded_pose(content)
     except ValueError as error:
         raise DatasetError(f"{file}: {ROVER_KEY}: {error}") from None
 
@@ -99,5 +103,10 @@ def read_poses(path: Path) -> np.ndarray:
             pose[:3, 3] = values[1:4]
         if not sound:
             raise ValueError(f"{path}, line {number}: holds no rotation")
+        if np.abs(pose[:3, 3]).max() > FARTHEST:
+            raise ValueError(
+                f"{path}, line {number}: lies over {FARTHEST:g} m from the origin; subtract one near the drive "
+                "(nav.map --origin adds it again)"
+            )
         poses.append(pose)
     return np.array(poses).reshape(-1, 4, 4)

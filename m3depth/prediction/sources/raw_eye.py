@@ -17,10 +17,12 @@ class RawEye:
     Args:
         camera: The camera as it was built, in the frame of the rectified one.
         ideal: The rectified camera.
+        valid: (H, W) bool, where the raw images show the scene; None: everywhere.
     """
 
-    def __init__(self, camera: PosedCamera, ideal: PinholeCamera) -> None:
+    def __init__(self, camera: PosedCamera, ideal: PinholeCamera, valid: np.ndarray | None = None) -> None:
         self._camera, self._ideal = camera, ideal
+        self._valid = np.ones((ideal.height, ideal.width), bool) if valid is None else valid
 
     @cached_property
     def _places(self) -> np.ndarray:
@@ -49,5 +51,4 @@ class RawEye:
         return self._resample(image)[0]
 
     def _resample(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        valid = np.ones(image.shape[:2], bool)
-        return resample(image, valid, lambda _: self._places, (self._ideal.width, self._ideal.height))
+        return resample(image, self._valid, lambda _: self._places, (self._ideal.width, self._ideal.height))

@@ -1,52 +1,50 @@
 """Raw pairs, which are rectified on the way in: products of rovers, and images with a calibration of raw cameras.
 
-The rectified pair of each is written to the folder `rectified` of its results, as m3depth.rectify writes it. From there
-on it is a pair like others, with its rig.json and its masks beside the images.
+The rectified pair is written to the folder `rectified` of the results, as m3depth.rectify writes it, together with
+them: a pair that cannot be used leaves nothing.
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from m3depth.datasets.image_files import read_pair
+from m3depth.datasets.image_files import as_pair
 from m3depth.datasets.rigs import NATECAM_NAME
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.rectification.checked import rectified
+from m3depth.rectification.files import camera_to_rover
 from m3depth.rectification.options import RectifyOptions
-from m3depth.rectification.product_names import left_products, right_of
+from m3depth.rectification.placing import rectified_to_raw, rectified_to_rover
+from m3depth.rectification.product_names import SUFFIXES, is_product, left_products, right_of
 from m3depth.rectification.raw_image import RawImage, read_raw_pair
-from marssim.base.calibration.read_pair import is_of_raw_cameras, read_label
+from marssim.base.calibration.orientation import common_orientation
+from marssim.base.calibration.read_pair import has_label, is_of_raw_cameras, labelled_pair, read_label, read_pair
 
 FOLDER = "rectified"  # in the folder of a pair's results
-PRODUCTS = (".img", ".vic", ".red", ".lbl", ".xml")  # ends of the names of products, and of their detached labels
-
-
-def is_product(path: Path) -> bool:
-    """Return whether a file is a product of a mission, with a label of PDS or VICAR."""
-    return path.suffix.lower() in PRODUCTS and path.is_file() and read_label(path) is not None
 
 
 def find_products(folder: Path) -> list[tuple[Path, Path]]:
     """Return the left and right products in a folder, whose names say which belong together; empty if there are none.
 
+    A broken product is among them, so that reading it says what is wrong.
+
     Raises:
         FileNotFoundError: A left product lacks its right one; the message names it.
     """
+    products = [left for left in left_products(folder) if is_product(left)]
+    products.sort(key=lambda left: SUFFIXES.index(left.suffix.lower()))
     lefts: dict[str, Path] = {}  # by their names without the end; the label beside a product is none of its own
-    for suffix in PRODUCTS:
-        for left in left_products(folder):
-            if left.suffix.lower() == suffix and left.stem not in lefts and is_product(left):
-                lefts[left.stem] = left
+    for left in [*filter(has_label, products), *products]:
+        lefts.setdefault(left.stem, left)
     return [(lefts[name], right_of(lefts[name])) for name in sorted(lefts)]
 
 
 def must_be_rectified(options: PredictOptions, left: Path) -> bool:
-    """Return whether pairs are raw: as --rectify says, or by the first left image and the calibration.
+    """Return whether pairs are raw: as the flags say, or by the first left image and the calibration.
 
     Args:
         options: The command's flags.
@@ -54,11 +52,11 @@ def must_be_rectified(options: PredictOptions, left: Path) -> bool:
     """
     if options.rectify != "auto":
         return options.rectify == "always"
+    if options.raw.align or is_product(left):
+        return True
     try:
-        if is_product(left):
-            return True
         return bool(options.calib) and options.calib != (NATECAM_NAME,) and is_of_raw_cameras(options.calib)
-    except (FileNotFoundError, ValueError):  # who reads it reports it
+    except (FileNotFoundError, ValueError):  # reading the calibration reports it
         return False
 
 
@@ -67,74 +65,109 @@ class RawPairs:
     """Rectifies pairs on the way in.
 
     Attributes:
-        calib, mask, focal, unchecked: The flags of m3depth.rectify.
-        single: Whether it is one pair, of which a picture of the rows is drawn and the summary printed.
+        options: The flags of m3depth.rectify, without the images.
+        keeps_geometry: Whether nothing but the rows of the right image changes, as there is no calibration of the raw
+            cameras. Then a calibration of the images as they are holds for the rectified ones.
     """
 
-    calib: tuple[Path, ...]
-    mask: tuple[Path, ...]
-    focal: float | None
-    unchecked: bool
-    single: bool
+    options: RectifyOptions
+    keeps_geometry: bool
 
     @classmethod
-    def of(cls, options: PredictOptions, left: Path, single: bool) -> RawPairs:
+    def of(cls, options: PredictOptions, left: Path) -> RawPairs:
         """Return what the flags of m3depth.predict ask for.
 
         Args:
             options: The command's flags.
             left: The first left image, or a video.
-            single: Whether it is one pair.
 
         Raises:
             ValueError: A flag is for rectified images, or there is no calibration.
         """
-        if not options.calib and not is_product(left):
+        keeps_geometry = options.raw.align and not options.calib and not _has_camera(left)
+        if not (options.calib or keeps_geometry or is_product(left)):
             raise ValueError(
-                "--rectify always needs the calibration of the raw cameras: give --calib; m3depth.rectify --align fits "
-                "the rows without one"
+                "--rectify always needs the calibration of the raw cameras: give --calib; --align fits the rows "
+                "without one"
             )
         for name in ("cx", "cy", "baseline"):
-            if getattr(options, name) is not None:
+            if getattr(options, name) is not None and not keeps_geometry:
                 raise ValueError(f"--{name} is of rectified images, and these are rectified here; leave it out")
         if options.calib == (NATECAM_NAME,):
             raise ValueError("--calib natecam is of rectified images; give a calibration of the raw cameras")
-        return cls(options.calib, options.mask, options.focal, options.unchecked, single)
+        focal = None if keeps_geometry else options.focal
+        flags = RectifyOptions(
+            (), options.out, calib=options.calib, raw=options.raw, focal=focal, mask=options.mask,
+            unchecked=options.unchecked,
+        )  # fmt: skip
+        return cls(flags, keeps_geometry)
 
-    def read(
-        self, raw: tuple[Path, Path], out: Path, images: tuple[np.ndarray, np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Rectify a pair, write it, and return both images, uint8, grey or RGB.
+    def named(self, pair: PairInput, out: Path) -> PairInput:
+        """Return a raw pair with the files that its rectified images are written to.
 
         Args:
-            raw: The raw images, or the videos that they are from.
-            out: The folder to write the rectified pair to.
-            images: The frames of videos, uint8.
+            pair: The pair, whose images are raw.
+            out: The folder of all results.
+        """
+        left, right = (out / pair.name / FOLDER / f"{eye}.png" for eye in ("left", "right"))
+        calibration = pair.calibration if self.keeps_geometry else None
+        return replace(pair, left=left, right=right, raw=(pair.left, pair.right), calibration=calibration)
+
+    def read(
+        self, pair: PairInput, labels: tuple[str, str], images: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> ReadPair:
+        """Rectify a pair.
+
+        Args:
+            pair: The pair.
+            labels: What messages call its images.
+            images: The images of a recording, uint8.
 
         Raises:
             FileNotFoundError, ImportError, ValueError: As of m3depth.rectify.
         """
-        options = RectifyOptions(raw, out, calib=self.calib, focal=self.focal, mask=self.mask, unchecked=self.unchecked)
         if images is None:
-            left, right = read_raw_pair(*raw, check=not self.unchecked)
+            left, right = read_raw_pair(*pair.given, check=not self.options.unchecked)
         else:
+            paths = pair.given if pair.given[0] != pair.given[1] else map(Path, labels)
             left, right = (
-                RawImage(path, image, np.ones(image.shape[:2], bool)) for path, image in zip(raw, images, strict=True)
+                RawImage(path, image, np.ones(image.shape[:2], bool)) for path, image in zip(paths, images, strict=True)
             )
-        result = rectified(options, left, right)
-        for message in result.warnings:
-            tqdm.write(f"warning: {message}", file=sys.stderr)
-        result.write(out, with_picture=self.single)
-        if self.single:
-            print(f"{out}: {result.summary()}")
-        return read_pair(*files_in(out))
+        checked = rectified(self.options, left, right)
+        result = checked.pair
+        if (calibration := result.calibration) is not None:
+            pair = replace(pair, calibration=lambda width, height: calibration)
+        if result.view is not None and result.cameras is not None:
+            pair = replace(pair, raw_frame=rectified_to_raw(result.cameras, result.view.rotation))
+        if (on_rover := camera_to_rover(result)) is not None:
+            pair = replace(pair, on_rover=on_rover)
+        first, second = as_pair(result.left, result.right, *labels)
+        return ReadPair(pair, first, second, (result.left_valid, result.right_valid), checked)
+
+    def placed(self, pair: PairInput) -> PairInput:
+        """Return a pair with the frames that its calibration gives, without reading the images.
+
+        Raises:
+            FileNotFoundError, ValueError: The calibration cannot be read. One line that names the file.
+        """
+        if self.keeps_geometry:
+            return pair
+        if self.options.calib:
+            cameras = read_pair(self.options.calib, self.options.raw.fisheye)
+        else:
+            cameras = labelled_pair([read_label(path) for path in pair.given], pair.given)
+        rotation = common_orientation(cameras)
+        pair = replace(pair, raw_frame=rectified_to_raw(cameras, rotation))
+        on_rover = rectified_to_rover(cameras, rotation)
+        return pair if on_rover is None else replace(pair, on_rover=on_rover)
 
 
-def files_in(folder: Path) -> tuple[Path, Path]:
-    """Return the images of a rectified pair in a folder."""
-    return folder / "left.png", folder / "right.png"
-
-
-def without_raw_flags(options: PredictOptions) -> PredictOptions:
-    """Return the flags for the pairs once they are rectified: their calibration and masks lie beside them."""
-    return replace(options, calib=(), mask=())
+def _has_camera(left: Path) -> bool:
+    """Return whether a file is a product whose label has a camera model, or is broken, which reading it reports."""
+    if not is_product(left):
+        return False
+    try:
+        label = read_label(left)
+    except ValueError:
+        return True
+    return label is not None and label.camera is not None

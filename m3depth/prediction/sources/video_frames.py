@@ -12,6 +12,7 @@ import numpy as np
 
 from marssim.base.command.input_file import check_file
 
+APART = 0.01  # share by which the frame rates of two videos may differ
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
 
 
@@ -31,7 +32,7 @@ class VideoFrames:
 
     Raises:
         FileNotFoundError: A video is missing.
-        ValueError: A file is no video, or the two have frames of different sizes; the message names it.
+        ValueError: A file is no video, or the two have other sizes or rates of frames; the message names it.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -48,10 +49,16 @@ class VideoFrames:
                 f"{paths[0]} is {sizes[0][0]} x {sizes[0][1]}, {paths[1]} is {sizes[1][0]} x {sizes[1][1]}: "
                 "both eyes must have the same size"
             )
+        rates = [float(c.get(cv2.CAP_PROP_FPS) or 0.0) for c in self._captures]
+        if max(rates) - min(rates) > APART * max(rates):
+            raise ValueError(
+                f"{paths[0]} has {rates[0]:g} frames a second, {paths[1]} has {rates[1]:g}: "
+                "frames of one number are of different times"
+            )
         if len(paths) == 1 and sizes[0][0] % 2:
             raise ValueError(f"{paths[0]}: is {sizes[0][0]} px wide, which does not divide into two eyes")
         self.count = min(int(c.get(cv2.CAP_PROP_FRAME_COUNT)) for c in self._captures)
-        self.rate = float(self._captures[0].get(cv2.CAP_PROP_FPS) or 0.0)
+        self.rate = rates[0]
         self._next = 0
 
     def valid(self, number: int) -> tuple[None, None]:

@@ -50,6 +50,11 @@ def find_stereo_topics(
     return StereoTopics(left, right, left_info, right_info)
 
 
+def is_rectified(topic: str) -> bool:
+    """Return whether the name of a topic says that its images are rectified, as image_rect or rectified/image does."""
+    return re.search(r"(?<![a-z])rect(?![a-hj-z])", topic) is not None
+
+
 def match_stamps(bag: Bag, topics: StereoTopics, tolerance: float) -> tuple[list[tuple[Entry, Entry]], tuple[int, int]]:
     """Return the messages of both eyes that were taken at one time, in order.
 
@@ -126,7 +131,7 @@ def _only_pair(bag: Bag) -> tuple[str, str]:
 
 def _rank(pair: tuple[str, str]) -> tuple[bool, bool, bool]:
     name = pair[0]
-    return "rect" not in name, "compressed" in name, "color" not in name and "colour" not in name
+    return not is_rectified(name), "compressed" in name, "color" not in name and "colour" not in name
 
 
 def _info_beside(bag: Bag, topic: str) -> str | None:

@@ -27,6 +27,7 @@ _VICAR = re.compile(r"([A-Za-z]\w*)\s*=\s*('(?:[^']|'')*'|\([^)]*\)|[^\s']+)")
 _END = re.compile(rb"^[ \t]*END[ \t]*\r?$", re.MULTILINE)
 _ITEM = re.compile(r'"[^"]*"|\'[^\']*\'|[^,()"\']+')
 _UNIT = re.compile(r"<[^<>]*>")
+_POINTER = re.compile(r"(\d+)\s*(<\s*BYTES\s*>)?")  # to a record, or to a byte, of the file itself
 _ENTITY = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
@@ -56,7 +57,7 @@ def read_pds3(path: Path) -> ProductLabel:
         if end is None:
             raise ValueError("has a label without an end: is the file truncated?")
         label = _odl(data[: end.start()].decode("latin-1"))
-        return _product(label, attached=isinstance(label.get("^IMAGE"), str) and label["^IMAGE"].isdigit())
+        return _product(label, attached=_POINTER.fullmatch(str(label.get("^IMAGE", ""))) is not None)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -96,7 +97,10 @@ def label_text(camera: PosedCamera) -> str:
 
 
 def _odl(text: str) -> dict[str, Any]:
-    """Return the keys of a label, with groups and objects as dicts; the first of two of one name counts."""
+    """Return the keys of a label, with groups and objects as dicts; the first of two of one name counts.
+
+    Pointers to data (^IMAGE) keep their units.
+    """
     root: dict[str, Any] = {}
     stack = [root]
     for key, value in _STATEMENT.findall(_ENTITY.sub("", text)):
@@ -108,7 +112,7 @@ def _odl(text: str) -> dict[str, Any]:
             if len(stack) > 1:
                 stack.pop()
         else:
-            stack[-1].setdefault(key, _plain(value))
+            stack[-1].setdefault(key, value.strip() if key.startswith("^") else _plain(value))
     return root
 
 
@@ -169,7 +173,9 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
 def _file_bytes(label: dict[str, Any], image: dict[str, Any]) -> int | None:
     """Return how many bytes a file must have to hold its image; None if the label does not say."""
     try:
-        start = (int(label["^IMAGE"]) - 1) * int(label["RECORD_BYTES"])
+        pointer = _POINTER.fullmatch(label["^IMAGE"])
+        assert pointer is not None
+        start = (int(pointer[1]) - 1) * (1 if pointer[2] else int(label["RECORD_BYTES"]))
         lines, samples, bits = (int(image[name]) for name in ("LINES", "LINE_SAMPLES", "SAMPLE_BITS"))
         return start + lines * samples * int(image.get("BANDS", 1)) * bits // 8
     except (KeyError, TypeError, ValueError):

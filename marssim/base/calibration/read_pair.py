@@ -9,7 +9,7 @@ others     a calibration of a rectified pair (rectified.py), as two pinhole came
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +74,9 @@ def is_of_raw_cameras(paths: Sequence[Path]) -> bool:
         FileNotFoundError: A file is missing.
         ValueError: A file is malformed. One line that names it.
     """
-    if any(read_label(path) is not None for path in paths):
+    for path in paths:
+        check_file(path, "calibration file")
+    if any(map(has_label, paths)):
         return True
     fields: dict = {}
     for path in paths:
@@ -94,12 +96,23 @@ def read_label(path: Path) -> ProductLabel | None:
         ValueError: The label is malformed. One line that names the file.
     """
     check_file(path, "calibration file")
+    reader = _label_reader(path)
+    return None if reader is None else reader(path)
+
+
+def has_label(path: Path) -> bool:
+    """Return whether a file begins as labels of PDS and VICAR do. It may be broken after that."""
+    return _label_reader(path) is not None
+
+
+def _label_reader(path: Path) -> Callable[[Path], ProductLabel] | None:
+    """Return what reads the label that a file begins with; None if it begins with none."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     if is_pds3(head):
-        return read_pds3(path)
+        return read_pds3
     if head.lstrip().startswith((b"<?xml", b"\xef\xbb\xbf<?xml")) and b"<opencv_storage" not in head:
-        return read_pds4(path)
+        return read_pds4
     return None
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 
 CUT = 3.0  # largest distance of a neighbour from the tangent plane, in pixel widths, that is no edge
+FAR = 8192.0  # [m] from which on 32-bit floats are 1 mm apart
 GLTF_AXES = np.array([1.0, -1.0, -1.0])  # glTF: x right, y up, z towards the viewer
 
 
@@ -79,7 +80,7 @@ def surface_mesh(
 
 
 def encode_ply(points: np.ndarray, colours: np.ndarray) -> bytes:
-    """Encode coloured points as a binary PLY.
+    """Encode coloured points as a binary PLY, in 32-bit floats, or in 64 bits if these would round by millimetres.
 
     Args:
         points: (N, 3) [m]; without points, the file is a header alone.
@@ -92,9 +93,11 @@ def encode_ply(points: np.ndarray, colours: np.ndarray) -> bytes:
         kinds = [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
         lines = ["ply", "format binary_little_endian 1.0", "element vertex 0", *kinds, "end_header", ""]
         return "\n".join(lines).encode()
+    if np.abs(points).max() > FAR:
+        return _encode_wide(points, colours)
     import trimesh  # not at the top, since it loads Embree
 
-    return trimesh.PointCloud(points, colors=colours).export(file_type="ply")
+    return trimesh.PointCloud(points.astype(np.float32), colors=colours).export(file_type="ply")
 
 
 def encode_glb(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> bytes:
@@ -119,6 +122,17 @@ def encode_glb(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> 
     data = mesh.export(file_type="glb")
     assert isinstance(data, bytes)
     return data
+
+
+def _encode_wide(points: np.ndarray, colours: np.ndarray) -> bytes:
+    """Encode coloured points as a binary PLY with 64-bit coordinates."""
+    names = [*"xyz", "red", "green", "blue"]
+    rows = np.zeros(len(points), [(name, "<f8" if name in "xyz" else "u1") for name in names])
+    for name, column in zip(names, (*points.T, *colours.T), strict=True):
+        rows[name] = column
+    kinds = [f"property {'double' if name in 'xyz' else 'uchar'} {name}" for name in names]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *kinds, "end_header", ""]
+    return "\n".join(lines).encode() + rows.tobytes()
 
 
 def _within(depth: np.ndarray, farthest: float) -> np.ndarray:

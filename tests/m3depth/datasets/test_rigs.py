@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from m3depth.datasets.config import DataConfig
-from m3depth.datasets.rigs import file_rig
+from m3depth.datasets.rigs import FileRig
 from marssim.base.files.json_file import DatasetError
 
 CALIB = "cam0=[50 0 20; 0 50 12; 0 0 1]\ncam1=[50 0 20; 0 50 12; 0 0 1]\ndoffs=0\nbaseline={}\nwidth=40\nheight=24\n"
@@ -16,9 +16,9 @@ def test_a_file_whose_baseline_no_rig_has_is_named(tmp_path: Path) -> None:
     calib = tmp_path / "calib.txt"
     calib.write_text(CALIB.format(270_000))  # Middlebury's are in mm
     with pytest.raises(DatasetError, match=rf"{re.escape(str(calib))}: the baseline is 270 m, over 10; is it in mill"):
-        file_rig(calib, tmp_path / "left.png")(40, 24)
+        FileRig(calib, tmp_path / "left.png")(40, 24)
     calib.write_text(CALIB.format(10_000))
-    assert file_rig(calib, tmp_path / "left.png")(40, 24).rig(40, 24).baseline == 10
+    assert FileRig(calib, tmp_path / "left.png")(40, 24).rig(40, 24).baseline == 10
 
 
 def test_a_flag_whose_baseline_no_rig_has_is_named() -> None:

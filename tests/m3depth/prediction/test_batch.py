@@ -1,6 +1,8 @@
 """Many pairs in one run: what is written, and that stopping it makes no difference."""
 
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from m3depth.predict import main, predict
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources import inputs
 from m3depth.stereo.classical import SGBM
 from marssim.base.files.json_file import DatasetError
 
@@ -136,12 +139,40 @@ def test_a_pair_that_cannot_be_used_is_skipped(folder, tmp_path, capsys):
     assert sorted(path.parent.name for path in (tmp_path / "out").glob("*/prediction.json")) == ["0", "3"]
 
 
+def test_a_pair_of_another_size_or_that_cannot_be_opened_is_skipped(folder, tmp_path, capsys, monkeypatch):
+    """The calibration is for 96 x 64 px. If the first pair does not fit it, it is that of no pair."""
+    for eye in ("left", "right"):
+        (tmp_path / eye).mkdir()
+        for number in range(COUNT):
+            image = cv2.imread(str(folder / eye / f"{number}.png"))
+            cv2.imwrite(str(tmp_path / eye / f"{number}.png"), image[:50] if number == 2 else image)
+    (tmp_path / "calib.txt").write_text("cam0=[100 0 47.5; 0 100 31.5; 0 0 1]\nbaseline=270\nwidth=96\nheight=64\n")
+    read = inputs.read_pair
+
+    def locked(left, right):
+        if left.name == "1.png":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(left))
+        return read(left, right)
+
+    monkeypatch.setattr(inputs, "read_pair", locked)
+    flags = {"focal": None, "baseline": None, "write": ("depth",)}
+    predict(options(tmp_path, tmp_path / "out", **flags), SGBM())
+    printed = capsys.readouterr()
+    assert printed.out.endswith("2 of 4 pairs; 2 skipped, see the warnings\n")
+    assert f"1 is skipped: {tmp_path}/left/1.png: permission denied" in printed.err
+    assert f"2 is skipped: {tmp_path}/calib.txt: is for 96 x 64 px" in printed.err
+    (tmp_path / "calib.txt").write_text("cam0=[100 0 47.5; 0 100 31.5; 0 0 1]\nbaseline=270\nwidth=9\nheight=6\n")
+    with pytest.raises(ValueError, match="is for 9 x 6 px"):
+        predict(options(tmp_path, tmp_path / "other", **flags), SGBM())
+
+
 def test_what_is_wrong_for_all_pairs_is_one_line(folder, tmp_path, capsys):
     words = [str(folder), "--left", "left/*.png", "--right", "right/*.png", "--estimator", "sgbm"]
     for flags, message in (
         ([], "--focal is missing"),
         (["--focal", "4", "--baseline", "0.2"], "--focal 4 px makes images of 96 px 170 deg wide"),
         (["--focal", "100", "--baseline", "0.2", "--cloud-frame", "world"], "--cloud-frame world needs poses"),
+        (["--focal", "100", "--baseline", "0.2", "--mask", str(tmp_path / "gone.png")], "gone.png: no such mask"),
     ):
         assert main([*words, *flags, "--out", str(tmp_path / "out")]) == 2
         error = capsys.readouterr().err

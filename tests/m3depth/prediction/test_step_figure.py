@@ -47,6 +47,7 @@ def test_sky_is_grey_and_a_common_disparity_brings_the_rest_nearer():
     place = LINE + 100, 150
     for common in (0.0, 10.0):
         assert (steps_picture(maps_of(0.0), 100.0, common, (5.0, 15.0))[place] == 90).all()
+        assert (steps_picture(maps_of(-0.5 - common), 100.0, common, (5.0, 15.0))[place] == 90).all()  # overshoots it
     apart = steps_picture(maps_of(5.0), 100.0, 10.0, (5.0, 15.0))[place]
     assert (apart == steps_picture(maps_of(15.0), 100.0, 0.0, (5.0, 15.0))[place]).all()
     assert (apart != steps_picture(maps_of(5.0), 100.0, 0.0, (5.0, 15.0))[place]).any()

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from m3depth.predict import main
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.inputs import find_inputs
+from marssim.base.bags.messages import SECOND
+from marssim.base.bags.reader import stamp_of
 
 
 @pytest.fixture
@@ -139,6 +142,34 @@ def test_a_calibration_file_replaces_camera_info(make, tmp_path):
     file.write_text("P0: 90 0 47.5 0 0 90 31.5 0 0 0 1 0\nP1: 90 0 47.5 -18 0 90 31.5 0 0 0 1 0\n")
     inputs = find_inputs(PredictOptions((bag,), tmp_path / "out", calib=(file,)))
     assert [pair.calibration for pair in inputs.pairs] == [None, None]
+
+
+def test_another_pair_of_topics_is_another_input(make, tmp_path):
+    bag = make()
+    topics = "/stereo/left/image_rect", "/stereo/right/image_rect"
+    states = [
+        find_inputs(PredictOptions((bag,), tmp_path / "out", left=a, right=b, calib=calib)).state()
+        for a, b, calib in ((*topics, ()), (*topics, ()), (*topics[::-1], (Path("natecam"),)))
+    ]
+    assert states[0] == states[1] and (states[2]["left"], states[2]["right"]) == topics[::-1]
+    assert states[0]["images"] == states[2]["images"]
+
+
+def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsys):
+    def late(topic, message):
+        if topic not in ("/tf", "/odom"):
+            return message
+        return message if stamp_of(getattr(message, "transforms", [message])[0]) >= 2 * SECOND else None
+
+    bag = make(late, count=3)
+    flags = ["--method", "sgbm", "--write", "depth", "cloud"]
+    assert main([str(bag), "--out", str(tmp_path / "out"), *flags]) == 0
+    assert "note: fused_cloud.ply lacks 1 pair of 3, which have no pose" in capsys.readouterr().err
+    assert (tmp_path / "out/fused_cloud.ply").is_file()
+    assert main([str(bag), "--out", str(tmp_path / "world"), *flags, "--cloud-frame", "world"]) == 0
+    printed = capsys.readouterr()
+    assert "frame_000000 is skipped: frame_000000: has no pose, which --cloud-frame world needs" in printed.err
+    assert "2 of 3 pairs; 1 skipped" in printed.out
 
 
 def test_without_frames_there_are_no_poses(make):

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.inputs import Inputs, PairInput, find_inputs
+from m3depth.prediction.sources.inputs import Inputs, find_inputs
+from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.poses import camera_to_rover
+from m3depth.rectification.options import RawOptions
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.files.json_file import DatasetError
 
@@ -81,7 +83,7 @@ def test_a_dataset_gives_names_calibrations_and_poses(plane_set):
     assert calibration.baseline == 0.27
     pose = inputs.pose(first, calibration.rig(64, 48), PredictOptions((plane_set,), Path("out")))
     np.testing.assert_array_equal(pose, np.eye(4))
-    assert inputs.read(first)[0].shape == (48, 64, 3)
+    assert inputs.read(first).left.shape == (48, 64, 3)
 
 
 def test_poses_of_the_camera_become_those_of_the_rovers_world(tmp_path):
@@ -112,12 +114,33 @@ def test_poses_of_the_camera_start_from_the_first_pairs_place_on_the_rover(tmp_p
 
 def test_an_edited_calibration_or_mask_is_another_input(tmp_path):
     pair = [image(tmp_path / f"{eye}.png") for eye in ("left", "right")]
-    options, inputs = PredictOptions(tuple(pair), Path("out")), find(*pair)
-    states = [inputs.state(options)]
+    inputs = find(*pair)
+    states = [inputs.state()]
     for file in ("rig.json", "left_valid.png"):
         (tmp_path / file).write_text("{}")
-        states.append(inputs.state(options))
+        states.append(inputs.state())
     assert all(a != b for a, b in pairwise(states))
+
+
+def test_an_edited_calibration_of_a_benchmark_is_another_input(tmp_path):
+    for folder in ("image_2", "image_3", "disp_occ_0"):
+        image(tmp_path / f"training/{folder}/000000_10.png")
+    calib = tmp_path / "training/calib_cam_to_cam/000000.txt"
+    calib.parent.mkdir()
+    calib.write_text("P2: 40 0 15 0 0 40 10 0 0 0 1 0\nP3: 40 0 15 -8 0 40 10 0 0 0 1 0\n")
+    first = find(tmp_path).state()
+    calib.write_text(calib.read_text().replace("-8", "-16"))
+    second = find(tmp_path).state()
+    assert first["images"] == second["images"] and first != second
+
+
+def test_natecam_is_a_setting_wherever_the_command_runs(tmp_path, monkeypatch):
+    pair = [image(tmp_path / f"{eye}.png") for eye in ("left", "right")]
+    states = [find(*pair).state()]
+    for folder in (tmp_path, tmp_path.parent):
+        monkeypatch.chdir(folder)
+        states.append(find(*pair, calib=(Path("natecam"),)).state())
+    assert states[0] != states[1] == states[2]
 
 
 def test_a_pose_of_a_dataset_that_is_none_is_named(tmp_path):
@@ -141,12 +164,16 @@ def test_a_pose_of_a_dataset_that_is_none_is_named(tmp_path):
         ("poses", "poses.txt: holds 2 poses, there are 1 pairs"),
         ("no folder", "--format oaisys needs the dataset's folder before --left and --right"),
         ("every", "--every is for videos"),
+        ("empty list", "empty.txt: names no pair of images"),
+        ("mask", "gone.png: no such mask"),
+        ("fisheye", "--fisheye is of raw images: give the calibration of their cameras with --calib"),
     ],
 )
 def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
     image(tmp_path / "a_L.png")
     image(tmp_path / "b_R.png")
     (tmp_path / "list.txt").write_text("a_L.png gone.png" if case == "missing in list" else "a_L.png")
+    (tmp_path / "empty.txt").write_text("\n")
     (tmp_path / "poses.txt").write_text(2 * "0 0 0 0 0 0 0 1\n")
     patterns = {"left": "*_L.png", "right": "*_R.png"}
     arguments = {
@@ -158,6 +185,9 @@ def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
         "missing": lambda: find(tmp_path / "gone"),
         "plain folder": lambda: find(tmp_path),
         "list": lambda: find(tmp_path / "list.txt"),
+        "empty list": lambda: find(tmp_path / "empty.txt"),
+        "mask": lambda: find(tmp_path / "a_L.png", tmp_path / "a_L.png", mask=(tmp_path / "gone.png",)),
+        "fisheye": lambda: find(tmp_path / "a_L.png", tmp_path / "a_L.png", raw=RawOptions(fisheye=True)),
         "missing in list": lambda: find(tmp_path / "list.txt"),
         "poses": lambda: find(tmp_path / "a_L.png", tmp_path / "a_L.png", poses=tmp_path / "poses.txt"),
     }

@@ -28,6 +28,7 @@ def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
         ("1e300 0 0 0 0 1 0 0 0 0 1 0", "line 2: holds no rotation"),
         ("0 1 2 3 1e300 0 0 0", "line 2: holds no rotation"),
         ("-1 0 0 0 0 1 0 0 0 0 1 0", "line 2: holds no rotation"),
+        ("0 5e5 4.1e6 3 0 0 0 1", r"line 2: lies over 1e\+06 m from the origin; subtract one near the drive"),
     ],
 )
 def test_a_line_that_is_no_pose_is_named(tmp_path, line, message):

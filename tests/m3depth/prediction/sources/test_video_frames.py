@@ -5,9 +5,9 @@ import pytest
 from m3depth.prediction.sources.video_frames import EndOfVideo, VideoFrames
 
 
-def write_video(path, frames) -> None:
+def write_video(path, frames, rate=8.0) -> None:
     height, width = frames[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 8.0, (width, height))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (width, height))
     for frame in frames:
         writer.write(frame)
     writer.release()
@@ -44,5 +44,8 @@ def test_what_is_no_video_of_two_eyes_is_named(tmp_path, capfd):
     assert "WARN" not in capfd.readouterr().err
     with pytest.raises(ValueError, match=r"a.avi is 64 x 48, .*b.avi is 80 x 48: both eyes must have the same size"):
         VideoFrames([tmp_path / "a.avi", tmp_path / "b.avi"])
+    write_video(tmp_path / "fast.avi", [grey(1)], rate=10.0)
+    with pytest.raises(ValueError, match=r"a.avi has 8 frames a second, .*fast.avi has 10: frames of one number are"):
+        VideoFrames([tmp_path / "a.avi", tmp_path / "fast.avi"])
     with pytest.raises(FileNotFoundError, match=r"c.avi: no such video"):
         VideoFrames([tmp_path / "c.avi"])

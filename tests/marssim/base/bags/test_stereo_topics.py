@@ -5,7 +5,7 @@ import pytest
 
 from marssim.base.bags.messages import SECOND, camera_info_message, image_message
 from marssim.base.bags.reader import Bag
-from marssim.base.bags.stereo_topics import StereoTopics, find_stereo_topics, match_stamps
+from marssim.base.bags.stereo_topics import StereoTopics, find_stereo_topics, is_rectified, match_stamps
 from marssim.base.bags.writer import BagWriter
 from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import DatasetError
@@ -41,6 +41,16 @@ def bag_of(path, stamps):
 def test_the_pair_is_found_by_the_names_of_its_topics(tmp_path, topics, pair):
     found = find_stereo_topics(bag_of(tmp_path / "bag", {topic: [1] for topic in topics}))
     assert (found.left, found.right) == pair and found.left_info is None
+
+
+@pytest.mark.parametrize(
+    ("topic", "said"),
+    [("/left/image_rect", True), ("/left/image_rect_color/compressed", True), ("/rectified/left/image", True),
+     ("/infra1/image_rect_raw", True), ("/left/image_raw", False), ("/direct/left/image_raw", False),
+     ("/rectangle/left/image_raw", False)],
+)  # fmt: skip
+def test_the_name_of_a_topic_says_whether_it_is_rectified(topic, said):
+    assert is_rectified(topic) == said
 
 
 def test_infos_lie_beside_the_images_or_where_they_are_named(tmp_path):

@@ -15,7 +15,7 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import common_orientation, rectified_view
 from marssim.base.calibration.pds3_label import camera_group
-from marssim.base.calibration.read_pair import is_of_raw_cameras, read_pair
+from marssim.base.calibration.read_pair import has_label, is_of_raw_cameras, read_label, read_pair
 from marssim.base.camera import NATECAM
 
 SIZE = (640, 480)
@@ -192,6 +192,24 @@ def test_labels_of_pds3(tmp_path, kind):
         shown = getattr(read, eye).project(points)
         assert np.isfinite(shown).all()
         assert np.abs(shown - getattr(wanted, eye).project(points)).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("pointer", "least"),
+    [("3", 2 * 1280), ("2561 <BYTES>", 2560), ("2561<BYTES>", 2560), ('("OTHER.IMG", 3)', None), ('"OTHER.IMG"', None)],
+)
+def test_the_bytes_that_a_product_must_have_count_from_its_pointer(tmp_path, pointer, least):
+    text = detached_label(rover_pair().left, **{"RECORD_BYTES": 1280, "^IMAGE": pointer})
+    (tmp_path / "left.IMG").write_text(text.replace("LINES =", "SAMPLE_BITS = 16\r\n LINES ="))
+    label = read_label(tmp_path / "left.IMG")
+    assert label.file_bytes == (None if least is None else least + 2 * SIZE[0] * SIZE[1])
+
+
+def test_a_label_is_known_by_its_beginning_even_if_it_is_cut(tmp_path):
+    left = rover_pair().left
+    for text, known in ((detached_label(left), True), (pds4_label(left), True), ("P1: 1 2 3", False)):
+        (tmp_path / "file").write_text(text[:60])
+        assert has_label(tmp_path / "file") == known
 
 
 def test_labels_of_pds4(tmp_path):

@@ -80,6 +80,13 @@ def test_the_files_are_what_others_read(sample):
     assert np.array_equal(np.asarray(mesh.visual.vertex_colors)[:, :3], mesh_colours)
 
 
+def test_places_far_from_the_origin_keep_their_millimetres():
+    points = np.array([[500_000.123, 1.002, -3.5], [999_999.999, 0, 0]])
+    colours = np.array([[1, 2, 3], [250, 0, 9]], np.uint8)
+    cloud = trimesh.load(io.BytesIO(encode_ply(points, colours)), file_type="ply")
+    assert np.abs(cloud.vertices - points).max() < 1e-6 and np.array_equal(np.asarray(cloud.colors)[:, :3], colours)
+
+
 def test_without_points_the_cloud_is_empty_and_there_is_no_mesh(sample):
     none = np.zeros((0, 3))
     empty = encode_ply(none, none)
