@@ -269,6 +269,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("dataset", "set: is a dataset; choose another folder"),
         ("no number", "--focal must be a number, got 'abc'"),
         ("nearest", "--nearest must lie in [0.01, 1000] m, got -1"),
+        ("nearest to nothing", "--nearest must lie in [0.01, 1000] m, got 1e-300"),
         ("pixels", "--max-pixels must be positive, got 0"),
         ("not its own", "--nearest: --estimator sgbm takes no such setting"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
@@ -330,6 +331,8 @@ def test_mistakes_exit_with_2_and_one_line(pair, tmp_path, capsys, case, message
         focal = ["--focal", "abc"]
     elif case == "nearest":
         extra = ["--nearest", "-1"]
+    elif case == "nearest to nothing":
+        extra = ["--nearest", "1e-300"]
     elif case == "pixels":
         extra = ["--max-pixels", "0"]
     elif case == "not its own":
