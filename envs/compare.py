@@ -26,6 +26,7 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
+from marssim.base.results.claim import ResultFolder
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
         dots and correlations, as envs.comparison.depth_metrics has them.
 
     Raises:
-        DatasetError: A file cannot be true, or two are of different suites or splits.
+        DatasetError: A file cannot be true, two are of different suites or splits, or --out is a dataset.
+        FolderInUse: Another command writes to --out.
         ValueError: No method is on the track, or the methods have no episode in common.
     """
     files = _checked(config)
@@ -78,15 +80,20 @@ def compare(config: CompareConfig) -> dict[str, Any]:
         "dots": dots, "correlations": correlate(dots),
     }  # fmt: skip
     if config.out is not None:
-        write_json(config.out / "comparison.json", content)
-        write_atomically(config.out / "comparison.md", page(content).encode())
-        plot_comparison(config.out / "comparison.png", content["rows"])
-        plot = config.out / "depth_metrics.png"
-        if content["correlations"]:
-            plot_depth_metrics(plot, dots, content["correlations"])
-        else:
-            plot.unlink(missing_ok=True)  # of other methods
+        with ResultFolder(config.out, "comparison").claim():
+            _write(config.out, content)
     return content
+
+
+def _write(out: Path, content: Mapping[str, Any]) -> None:
+    write_json(out / "comparison.json", content)
+    write_atomically(out / "comparison.md", page(content).encode())
+    plot_comparison(out / "comparison.png", content["rows"])
+    plot = out / "depth_metrics.png"
+    if content["correlations"]:
+        plot_depth_metrics(plot, content["dots"], content["correlations"])
+    else:
+        plot.unlink(missing_ok=True)  # of other methods
 
 
 def page(content: Mapping[str, Any]) -> str:

@@ -103,7 +103,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
         print_note(WITHOUT_PYBULLET)
     print(f"1. {counted(config.pairs, 'stereo pair')} of {config.scene}, rendered by {generate_config.renderer}")
     dataset = generate_dataset(generate_config)
-    shutil.copy(data / "contact_sheet.png", config.out / "contact_sheet.png")
+    write_atomically(config.out / "contact_sheet.png", (data / "contact_sheet.png").read_bytes())
 
     print("2. depth and normals by M3Depth and by SGBM")
     result = evaluate(dataset, {"M3Depth": network, "SGBM": sgbm}, examples=3)

@@ -10,7 +10,6 @@ only half driven join too, as long as no episode is missing.
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -26,9 +25,12 @@ from envs.recording.drive_page import DRIVES
 from envs.world.eyes import EyesConfig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
+from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
+RESULTS = "results.json"  # in the folder of an evaluation
+NO_SETTINGS = "config does not hold the settings of an evaluation"
 NOTES = (WEIGHTS, RUNTIME)
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
 PATHS = ("suite", "scene")  # may be files, of which other machines have copies elsewhere; SETTINGS has their digests
@@ -60,7 +62,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
         FolderInUse: Another command writes to --out.
     """
     marks = [read_json(folder / SETTINGS) for folder in config.shards]
-    contents = [read_json(folder / "results.json") for folder in config.shards]
+    contents = [_results(folder / RESULTS) for folder in config.shards]
     first = config.shards[0]
     for folder, mark, content in zip(config.shards[1:], marks[1:], contents[1:], strict=True):
         for one, other, apart in ((marks[0], mark, ()), (contents[0]["config"], content["config"], PATHS)):
@@ -71,7 +73,10 @@ def join(config: JoinConfig) -> dict[str, Any]:
         if None not in (runtime, mark.get(RUNTIME)) and runtime != mark[RUNTIME]:
             raise DatasetError(f"{folder}: M3Depth ran in {mark[RUNTIME]}, and in {runtime} in another shard")
         runtime = runtime or mark.get(RUNTIME)
-    joined = _evaluation(contents, config.out)
+    try:
+        joined = _evaluation(contents, config.out)
+    except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
+        raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error})") from None
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, joined.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
     )
@@ -82,15 +87,29 @@ def join(config: JoinConfig) -> dict[str, Any]:
         episodes.mkdir(exist_ok=True)
         for folder in config.shards:
             for record in sorted((folder / "episodes").glob("*.json")):
-                shutil.copyfile(record, episodes / record.name)
+                write_atomically(episodes / record.name, record.read_bytes())
             for drive in sorted((folder / DRIVES).glob("*.zip")):
-                (config.out / DRIVES).mkdir(exist_ok=True)
-                shutil.copyfile(drive, config.out / DRIVES / drive.name)
+                write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
         if missing := [task for task in joined.tasks if not (episodes / task.file).is_file()]:
             number = counted(len(missing), "episode")
             raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0].file}")
         results.note(**{WEIGHTS: weights, RUNTIME: runtime})
         return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, {})[0]
+
+
+def _results(file: Path) -> dict[str, Any]:
+    """Read the results.json of a shard. Raises DatasetError if it has no settings of an evaluation."""
+    content = read_json(file)
+    settings = content.get("config")
+    if not isinstance(settings, dict) or not isinstance(settings.get("eyes"), dict):
+        raise DatasetError(f"{file}: {NO_SETTINGS}")
+    if not all(_is_list_of_texts(settings.get(name)) for name in METHODS):
+        raise DatasetError(f"{file}: {NO_SETTINGS}")
+    return content
+
+
+def _is_list_of_texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(text, str) for text in value)
 
 
 def _shared(settings: Mapping[str, Any], apart: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -102,6 +121,8 @@ def _merged(parts: Sequence[Mapping[str, str]], folders: Sequence[Path]) -> dict
     """Return the digests of all shards. Raises DatasetError where a name has two."""
     out: dict[str, str] = {}
     for part, folder in zip(parts, folders, strict=True):
+        if not isinstance(part, Mapping):
+            raise DatasetError(f"{folder / SETTINGS}: {WEIGHTS} must hold digests by name, got {part!r:.60}")
         for name, digest in part.items():
             if out.setdefault(name, digest) != digest:
                 raise DatasetError(f"{folder}: {name} has other weights or code than in another shard")

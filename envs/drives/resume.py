@@ -27,10 +27,13 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
         that imports. Names that come with the package are left out, but for m3depth.
 
     Raises:
-        DatasetError: Weights or code differ from those that drove; the message names them.
+        DatasetError: Weights or code differ from those that drove; the message names them. Or the folder's file of
+            settings holds no digests.
     """
     digests = {name: digest for name in names if (digest := _digest(name))}
-    previous: dict[str, str] = read_json(folder.mark_path).get(WEIGHTS, {})
+    previous = read_json(folder.mark_path).get(WEIGHTS, {})
+    if not isinstance(previous, dict):
+        raise DatasetError(f"{folder.mark_path}: {WEIGHTS} must hold digests by name, got {previous!r:.60}")
     for name in sorted(digests.keys() & previous.keys()):
         if digests[name] != previous[name]:
             file = _read_from(name)

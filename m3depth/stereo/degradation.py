@@ -33,16 +33,17 @@ class Degradation:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             if name == "vertical" and not abs(value) <= MAX_VERTICAL:
-                raise ValueError(f"degradation vertical must lie in [{-MAX_VERTICAL}, {MAX_VERTICAL}] px, got {value}")
+                raise ValueError(f"vertical must lie in [{-MAX_VERTICAL}, {MAX_VERTICAL}] px, got {value}")
             if name != "vertical" and not 0 <= value <= LARGEST[name]:
-                raise ValueError(f"degradation {name} must lie in [0, {LARGEST[name]:g}], got {value:g}")
+                raise ValueError(f"{name} must lie in [0, {LARGEST[name]:g}], got {value:g}")
 
     @classmethod
     def parse(cls, text: str) -> Degradation:
         """Read text like "contrast=.33,blur=1,noise=2.5"; fields that it lacks keep their default.
 
         Raises:
-            ValueError: A field is unknown or its value is not a number; the message names it.
+            ValueError: A field is unknown, given twice, or its value is no number or out of range; the message names
+                it.
         """
         names = {field.name for field in fields(cls)}
         values: dict[str, float] = {}
@@ -56,7 +57,10 @@ class Degradation:
                 values[name] = float(value)
             except ValueError:
                 raise ValueError(f"`degrade`: {name} must be a number, got {value!r}") from None
-        return cls(**values)
+        try:
+            return cls(**values)
+        except ValueError as error:  # of a value out of its range
+            raise ValueError(f"`degrade`: {error}") from None
 
     def apply(self, left: np.ndarray, right: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Degrade a pair.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 import time
@@ -13,7 +12,7 @@ import numpy as np
 
 from marssim.base.command.progress import LINE_SECONDS
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import json_text
+from marssim.base.files.json_file import DatasetError, json_text, parse_json
 from marssim.base.results.code_state import versions
 
 LOG = "log.jsonl"  # name of the log in a run's folder
@@ -25,11 +24,29 @@ def records(out: Path, kind: str) -> list[dict[str, Any]]:
     Args:
         out: Folder of the run.
         kind: "start", or "train", "val" or "val_raw" as Log.write takes it.
+
+    Raises:
+        DatasetError: A line holds no record; the message names the file and the line.
     """
-    path = out / LOG
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-    complete = (json.loads(line) for line in lines if line.endswith("}\n"))  # the last one may be half written
-    return [record for record in complete if record["kind"] == kind]
+    return [record for _, record in _read(out / LOG) if record.get("kind") == kind]
+
+
+def _read(path: Path) -> list[tuple[bytes, dict[str, Any]]]:
+    """Return the lines of a log and their records; a last line that is half written is left out.
+
+    Raises:
+        DatasetError: A line holds no record.
+    """
+    lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
+    if lines and not lines[-1].endswith(b"}\n"):
+        lines.pop()
+    records = [parse_json(line, f"{path}, line {number}") for number, line in enumerate(lines, 1)]
+    for number, record in enumerate(records, 1):
+        kinds = (int, float, str) if record.get("kind") == "start" else (int, float)
+        values = (value for name, value in record.items() if name != "kind")
+        if type(record.get("step")) is not int or not all(v is None or type(v) in kinds for v in values):
+            raise DatasetError(f"{path}, line {number}: is not a record of a training; delete the line, or the file")
+    return list(zip(lines, records, strict=True))
 
 
 class Log:
@@ -39,9 +56,7 @@ class Log:
         out.mkdir(parents=True, exist_ok=True)
         self.path = out / LOG
         if self.path.exists():  # steps after the checkpoint will be logged again
-            lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True)
-            kept = [line for line in lines if line.endswith("}\n") and json.loads(line)["step"] <= start]
-            write_atomically(self.path, "".join(kept).encode())
+            write_atomically(self.path, b"".join(line for line, record in _read(self.path) if record["step"] <= start))
         try:
             from torch.utils.tensorboard import SummaryWriter
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import io
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from marssim.base.results.claim import as_typed, differences
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
 CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
+MOST_STEPS = 10**15  # a larger number of steps is none
 WORLD = "number of processes"  # its name in a run's identity
 CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
     "max_minutes", "max_steps", "lr", "schedule", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
@@ -92,19 +95,32 @@ def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
     Raises:
         ValueError: The file is damaged; the message names it.
     """
-    try:
+    with _naming(path):
         state = torch.load(path, map_location=device, weights_only=True)
         # The first checkpoints lack the number of processes and some fields of the network.
         network = config_from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(network.to_dict())}
         if state["identity"].get("init") is not None:  # the first checkpoints have it as it was typed
             state["identity"]["init"] = origin(Path(state["identity"]["init"]))
-    except Exception as error:  # torch's unpickler raises errors of many types
+        if type(state["step"]) is not int or not 0 <= state["step"] <= MOST_STEPS:
+            raise ValueError("no number of steps")
+        if type(state["seconds"]) not in (int, float) or not 0 <= state["seconds"] < math.inf:
+            raise ValueError("no time")
+    return state
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Turn whatever a damaged checkpoint raises into a ValueError of one line that names it."""
+    try:
+        yield
+    except torch.cuda.OutOfMemoryError:
+        raise
+    except Exception as error:  # torch's unpickler and load_state_dict raise errors of many types
         raise ValueError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to start over, or choose another "
             f"--out and start with --init {path.parent / 'weights.safetensors'}"
         ) from None
-    return state
 
 
 class Run:
@@ -195,16 +211,28 @@ class Run:
         # Checkpoints of earlier versions lack some of the settings.
         if other := differences({**identity, **state["identity"]}, identity):
             raise ValueError(f"{self.checkpoint}: belongs to a run with {'; '.join(other)}; choose another --out")
-        self.model.load_state_dict(state["model"])
-        self.averaged.load_state_dict(state["averaged"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        for group in self.optimizer.param_groups:  # the rate is set at each step
-            group["weight_decay"] = self.config.weight_decay
+        with _naming(self.checkpoint):
+            self.model.load_state_dict(state["model"])
+            self.averaged.load_state_dict(state["averaged"])
+            # the settings of the optimizer are those of this run
+            moments = {"state": state["optimizer"]["state"]}
+            self.optimizer.load_state_dict({**self.optimizer.state_dict(), **moments})
+            _check_moments(self.optimizer)
+            before, now = state.get("settings", {}), self.settings()  # the first checkpoints lack them
+            changes = [(flag, old) for flag, old in before.items() if now.get(flag, old) != old]
+            torch.set_rng_state(state["rng"].cpu())
         self.step, self.seconds = state["step"], state["seconds"]
-        before, now = state.get("settings", {}), self.settings()  # the first checkpoints lack them
-        self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in before.items() if now.get(flag, old) != old]
-        torch.set_rng_state(state["rng"].cpu())
+        self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in changes]
         return True
+
+
+def _check_moments(optimizer: torch.optim.Optimizer) -> None:
+    """Raise ValueError unless what AdamW keeps of each weight, if anything, fits the weight."""
+    for weight, kept in optimizer.state.items():
+        shapes = {"step": torch.Size(), "exp_avg": weight.shape, "exp_avg_sq": weight.shape}
+        for name, shape in shapes.items():
+            if not isinstance(kept.get(name), torch.Tensor) or kept[name].shape != shape:
+                raise ValueError(f"{name} does not fit its weight")
 
 
 def learning_rate(peak: float, progress: float, schedule: str = "cycle") -> float:

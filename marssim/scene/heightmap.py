@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import stat
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
@@ -172,9 +173,11 @@ def file_digest(path: str) -> str:
     """Return the SHA-256 of a heightmap. Raises ValueError, which names the file, if it cannot be read."""
     try:
         state = os.stat(path)
-        return _digest(path, state.st_size, state.st_mtime_ns)
+        if stat.S_ISREG(state.st_mode) or stat.S_ISDIR(state.st_mode):  # a folder cannot be opened
+            return _digest(path, state.st_size, state.st_mtime_ns)
     except OSError as error:
         raise ValueError(f"{FIELD} {path}: {(error.strerror or str(error)).lower()}") from None
+    raise ValueError(f"{FIELD} {path}: is a device or a pipe, not a file")  # which may have no end
 
 
 @lru_cache(maxsize=8)

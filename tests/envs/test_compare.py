@@ -5,6 +5,7 @@ import pytest
 
 from envs.compare import CompareConfig, compare, main
 from marssim.base.files.json_file import DatasetError
+from marssim.base.results import lock
 
 
 @pytest.fixture
@@ -150,3 +151,13 @@ def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite)
         path.write_text(json.dumps(content))
     with pytest.raises(ValueError, match="no episode in common"):
         compare(CompareConfig(tuple(parts), suite=str(small_suite)))
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+def test_a_second_command_in_the_folder_is_refused(suite_run, small_suite, tmp_path, capsys):
+    arguments = [str(suite_run), "--suite", str(small_suite), "--out", str(tmp_path / "out")]
+    with lock.sole_writer(tmp_path / "out"):
+        assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {tmp_path / 'out'}: another command (process ") and error.count("\n") == 1
+    assert main(arguments) == 0 and not (tmp_path / "out" / ".lock").exists()

@@ -80,3 +80,31 @@ def test_shards_of_other_settings_are_refused(shards, tmp_path):
 def test_a_folder_that_is_no_evaluation_is_named(tmp_path):
     with pytest.raises(DatasetError, match=r"evaluate.json: no such file"):
         join(JoinConfig((tmp_path,), tmp_path / "all"))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {}, {"config": 3}, {"config": {"eyes": {}}}, {"config": {"seed": "few"}}, {"config": {"seed": -1}},
+        {"config": {"driver": [{}]}},
+    ],
+)  # fmt: skip
+def test_results_of_something_else_are_named(shards, tmp_path, capsys, content):
+    other = shutil.copytree(shards[0], tmp_path / "other")
+    before = json.loads((other / "results.json").read_text())
+    config = content.get("config")
+    if isinstance(config, dict) and "eyes" not in config:
+        content = {**before, "config": {**before["config"], **config}}
+    (other / "results.json").write_text(json.dumps(content))
+    assert main([str(other), "--out", str(tmp_path / "all")]) == 2
+    error = capsys.readouterr().err
+    assert f"{other / 'results.json'}: config does not hold the settings of an eval" in error and error.count("\n") == 1
+    assert not (tmp_path / "all").exists()
+
+
+def test_digests_that_are_none_are_named(shards, tmp_path, capsys):
+    other = shutil.copytree(shards[0], tmp_path / "other")
+    mark = json.loads((other / "evaluate.json").read_text())
+    (other / "evaluate.json").write_text(json.dumps({**mark, "weights": ["a"]}))
+    assert main([str(other), "--out", str(tmp_path / "all")]) == 2
+    assert f"{other / 'evaluate.json'}: weights must hold digests by name, got ['a']" in capsys.readouterr().err

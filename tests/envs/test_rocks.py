@@ -1,6 +1,7 @@
 """Rocks in the navigator's map, from a dataset whose rocks are known."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import cv2
@@ -119,6 +120,35 @@ def test_a_higher_step_finds_fewer(folder, tmp_path):
     assert main([*args, "--step", "0.36"]) == 0
     key = json.loads((out / "results.json").read_text())["methods"]["ground_truth"]["standing_0.2_m_within_8_m"]
     assert (key["rocks"], key["found"]) == (3, 1)
+
+
+NOT_A_POSE = "[[1, 0, 0, 0], [NaN, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+
+
+def without_pose(folder, names, instead=""):
+    """Take the pose out of samples, or write the text of another value."""
+    for name in names:
+        file = folder / "scenes" / name / "sample.json"
+        meta = {key: value for key, value in json.loads(file.read_text()).items() if key != "pose"}
+        file.write_text((f'{{"pose": {instead}, ' if instead else "{") + json.dumps(meta)[1:])
+    return file
+
+
+@pytest.mark.parametrize("pose", ["null", "3", NOT_A_POSE])
+def test_a_pose_that_is_none_is_named(folder, tmp_path, capsys, pose):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    file = without_pose(copy, ["00001/01"], pose)
+    assert main(["--data", str(copy), "--out", str(tmp_path / "out"), "--perception", "ground_truth"]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith(f"error: {file}: pose must be ")
+
+
+def test_pairs_without_poses_are_reported(folder, tmp_path, capsys):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    without_pose(copy, ["00001/00", "00001/01"])
+    assert main(["--data", str(copy), "--out", str(tmp_path / "out"), "--perception", "ground_truth"]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith(f"error: {copy}: no pair of split ") and error.endswith("holds the pose of its camera")
 
 
 @pytest.mark.parametrize(

@@ -219,6 +219,17 @@ def test_natecam_by_name_and_a_flag_that_replaces_its_value(tmp_path):
         predict(options(textured_pair(tmp_path, 8), tmp_path, **flags), SGBM())
 
 
+@pytest.mark.parametrize("shape", [(1, 900), (900, 1), (900, 3)])
+def test_images_of_extreme_shape_are_predicted(tmp_path, capsys, shape):
+    wall = np.random.default_rng(2).integers(0, 255, (shape[0], shape[1] + 5), dtype=np.uint8)
+    pair = [write(tmp_path / f"{x}.png", wall[:, x:][:, : shape[1]]) for x in (0, 5)]
+    flags = ["--focal", str(max(20, shape[1])), "--baseline", "0.2", "--estimator", "sgbm", "--unchecked"]
+    assert main([*map(str, pair), *flags, "--out", str(tmp_path / "o")]) == 0
+    assert "Traceback" not in capsys.readouterr().err
+    assert np.load(tmp_path / "o/depth.npy").shape == shape
+    assert max(cv2.imread(str(tmp_path / "o/figure.png")).shape) < 5000
+
+
 @pytest.mark.parametrize(("level", "tone"), [(0, "black"), (90, "of one grey level")])
 def test_an_image_without_contrast_is_refused(tmp_path, capsys, level, tone):
     flat = np.full((40, 60), level, np.uint8)
@@ -269,6 +280,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("dataset", "set: is a dataset; choose another folder"),
         ("no number", "--focal must be a number, got 'abc'"),
         ("nearest", "--nearest must lie in [0.01, 1000] m, got -1"),
+        ("nearest to nothing", "--nearest must lie in [0.01, 1000] m, got 1e-300"),
         ("pixels", "--max-pixels must be positive, got 0"),
         ("not its own", "--nearest: --estimator sgbm takes no such setting"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
@@ -330,6 +342,8 @@ def test_mistakes_exit_with_2_and_one_line(pair, tmp_path, capsys, case, message
         focal = ["--focal", "abc"]
     elif case == "nearest":
         extra = ["--nearest", "-1"]
+    elif case == "nearest to nothing":
+        extra = ["--nearest", "1e-300"]
     elif case == "pixels":
         extra = ["--max-pixels", "0"]
     elif case == "not its own":

@@ -387,6 +387,8 @@ def test_the_folder_records_the_command_that_completes_it(made, folder, monkeypa
         (("--rig.focal", 0.0212), "--rig.focal, or fx and fy of a rig file, must"),  # in metres
         (("--rig.focal-y", 0.5), "--rig.focal, or fx and fy of a rig file, must"),
         (("--rig.width", 10**5), "--rig.width must"),
+        (("--rig.cx", "1e300"), "--rig.cx must"),
+        (("--trajectory", "--drive.speed", "1e300"), "--drive.speed must"),
         (("--rig.width", 65536, "--rig.height", 65536), "--rig.width times --rig.height"),
         (
             ("--relief.heightmap-at", 5, 5),

@@ -214,6 +214,18 @@ def test_the_cross_check_prints_and_writes_what_it_finds(tmp_path, capfd, monkey
         assert noted["makers"]["embree"] == {"planes_px": [0.0, 0.0], "good": True} and noted["scene"] == "utopia"
 
 
+def test_a_dataset_beside_the_cross_check_is_checked_too(folder, tmp_path, capfd, monkeypatch):
+    checks = {"scan": RendererCheck(None, np.zeros(2))}
+    monkeypatch.setattr(command, "cross_check", lambda *_: (checks, []))
+    arguments = (folder, "--cross-check", "--out", tmp_path / "out")
+    code, out, _ = run(capfd, *arguments)
+    assert code == 0 and "all files are as the index records them" in out and "agrees" in out
+    next(folder.rglob("left.png")).write_bytes(b"broken")
+    code, out, _ = run(capfd, *arguments)
+    assert code == 1 and "1 file wrong" in out and "agrees" in out
+    assert {"verify.json", "cross_check.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
+
+
 def test_a_folder_that_is_no_dataset_is_refused(folder, tmp_path, capfd):
     assert str(tmp_path / "nowhere") in mistake(capfd, tmp_path / "nowhere")
     assert "dataset.json" in mistake(capfd, tmp_path)

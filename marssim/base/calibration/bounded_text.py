@@ -16,6 +16,7 @@ from xml.parsers import expat
 import yaml
 
 from marssim.base.command.input_file import check_file
+from marssim.base.files.json_file import is_deeper
 
 MOST_BYTES = 4_000_000  # calibrations have some kB, the labels of images up to 500 kB
 MOST_LEVELS = 40  # of nesting
@@ -94,6 +95,8 @@ def parse_json(text: str) -> dict[str, Any]:
         raise ValueError(TOO_DEEP) from None
     except ValueError as error:
         raise ValueError(f"is not JSON: {error}") from None
+    if is_deeper(content, MOST_LEVELS):
+        raise ValueError(TOO_DEEP)
     return _mapping(content, "JSON")
 
 

@@ -10,7 +10,6 @@ marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"}
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ import cv2
 import numpy as np
 
 from marssim.base.calibration import fields as of
-from marssim.base.calibration.bounded_text import read_text
+from marssim.base.calibration.bounded_text import parse_json, read_text
 from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
 from marssim.base.calibration.opencv_file import is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -115,14 +114,11 @@ def align_right(right: np.ndarray, shift: float) -> np.ndarray:
 
 
 def _from_json(text: str) -> Calibration | None:
-    """Read marssim's rig file or sample.json; None for another JSON file."""
-    try:
-        data = json.loads(text)
-    except json.JSONDecodeError:
+    """Read marssim's rig file or sample.json; None for another file."""
+    if not text.lstrip().startswith("{"):
         return None
-    except RecursionError:  # OpenCV's reader would end the process
-        raise ValueError("is nested too deeply") from None
-    if not isinstance(data, dict) or not ("rig" in data or "baseline" in data):
+    data = parse_json(text)
+    if not ("rig" in data or "baseline" in data):
         return None
     rig = StereoRig.from_dict(data.get("rig", data))
     c = rig.camera

@@ -99,7 +99,7 @@ def parse_json(data: bytes, name: object) -> dict[str, Any]:
         raise DatasetError(f"{name}: {TOO_DEEP}") from None
     if not isinstance(content, dict):
         raise DatasetError(f"{name}: not a JSON object")
-    if _is_deeper(content, MOST_LEVELS):
+    if is_deeper(content, MOST_LEVELS):
         raise DatasetError(f"{name}: {TOO_DEEP}")
     return content
 
@@ -111,9 +111,14 @@ def _integer(digits: str) -> int:
     return int(digits)
 
 
-def _is_deeper(content: dict[str, Any], levels: int) -> bool:
-    """Return whether dicts and lists are nested in more levels, with which recursive functions would fail."""
-    level: list[Any] = [content]
+def is_deeper(content: Any, levels: int) -> bool:
+    """Return whether dicts and lists are nested in more levels, with which recursive functions would fail.
+
+    Args:
+        content: What json.loads returned.
+        levels: The number of levels that may be.
+    """
+    level: list[Any] = [content] if isinstance(content, dict | list) else []
     for _ in range(levels):
         values = (value for outer in level for value in (outer.values() if isinstance(outer, dict) else outer))
         level = [value for value in values if isinstance(value, dict | list)]

@@ -71,6 +71,14 @@ def test_a_policy_that_was_trained_on_does_not_either(file, tmp_path):
         digests_noted_in(file, (str(policy),))
 
 
+def test_digests_that_are_none_are_named(file, tmp_path):
+    folder = ResultFolder(tmp_path / "out", "evaluation", file.name, SETTINGS, notes=(WEIGHTS,))
+    with folder.claim():
+        folder.note(**{WEIGHTS: ["a"]})
+    with pytest.raises(DatasetError, match=r"evaluate\.json: weights must hold digests by name, got \['a'\]"):
+        digests_noted_in(file, ("straight",))
+
+
 def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, monkeypatch):
     code = tmp_path / "own_driver.py"
     code.write_text("from envs.drivers.builtin import StraightDriver as Own\n")

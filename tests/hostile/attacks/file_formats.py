@@ -16,6 +16,7 @@ from PIL import Image, TiffImagePlugin
 from recorded_drives import drive_bytes
 from small_network import SMALL
 
+from envs.comparison.suite_results import read_results
 from envs.drivers.policy_archive import read_policy
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.records import read_record
@@ -27,7 +28,10 @@ from m3depth.kinds.config import read_config
 from m3depth.network.model import M3Depth
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.poses import read_poses
-from m3depth.training.run import read_checkpoint
+from m3depth.training.config import TrainConfig
+from m3depth.training.log import records
+from m3depth.training.run import Run
+from marssim.base.bags.library import typestore
 from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.calibration.rig_file import read_rig_file
@@ -36,7 +40,7 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import read_drive
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
-from marssim.base.files.json_file import DatasetError, as_json
+from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import encode_png
 from marssim.scene.heightmap import file_digest, read_heightmap
@@ -92,6 +96,22 @@ def _bag(folder: Path) -> Path:
     return folder / "pair" / "pair.mcap"
 
 
+def _sqlite_bag(folder: Path) -> Path:
+    """Write the same bag with SQLite's storage."""
+    from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+    with (
+        Reader(_bag(folder).parent) as source,
+        Writer(folder / "copy", version=9, storage_plugin=StoragePlugin.SQLITE3) as written,
+    ):
+        connections = {
+            c.topic: written.add_connection(c.topic, c.msgtype, typestore=typestore()) for c in source.connections
+        }
+        for connection, stamp, raw in source.messages():
+            written.write(connections[connection.topic], stamp, raw)
+    return folder / "copy" / "copy.db3"
+
+
 def _read_bag(path: Path) -> None:
     pairs = BagPairs(path)
     for number in range(pairs.count):
@@ -126,10 +146,18 @@ def _policy(folder: Path) -> Path:
     return folder / "policy.zip"
 
 
+def _run(folder: Path) -> Run:
+    config = TrainConfig((Path("data"),), folder, network=folder / "network.json", max_steps=9, device="cpu")
+    return Run(config, torch.device("cpu"))
+
+
 def _checkpoint(folder: Path) -> Path:
-    identity = {"network": as_json(asdict(SMALL)), "batch": 1, "crop": [8, 8], "seed": 0}
-    torch.save({"identity": identity, "step": 1, "seconds": 2.0, "rng": torch.zeros(8)}, folder / "checkpoint.pt")
-    return folder / "checkpoint.pt"
+    (folder / "network.json").write_text(json.dumps(SMALL.to_dict()))
+    run = _run(folder)
+    sum(weight.square().sum() for weight in run.model.parameters()).backward()
+    run.optimizer.step()
+    run.save()
+    return run.checkpoint
 
 
 def _heightmap(suffix: str) -> Make:
@@ -155,6 +183,21 @@ def _read_heightmap(path: Path) -> object:
     return read_heightmap(str(path), file_digest(str(path)), scale, 0.1)
 
 
+def _results() -> bytes:
+    """Return the results of one drive of the packaged suite, as envs.evaluate writes them."""
+    suite = load_suite("marsnav-v1")
+    (split, condition, _), listed = next(item for item in suite.episodes.items() if item[0][2] == 0)
+    episode = {
+        "condition": condition, "course": 0, "driver": "straight", "perception": "ground_truth", "outcome": "stuck",
+        "success": False, "spl": 0.0, "shortest": listed["shortest"], "path_length": 1.0, "distance": 9.0,
+        "start_distance": float(np.hypot(*np.subtract(listed["goal"], listed["start"][:2]))), "steps": 5, "looks": 5,
+        "abs_rel": None, "blind": 0, "rocks": None, "rocks_missed": None, "false_obstacles": None,
+        "min_clearance": 0.5, "step_seconds": 0.1, "perception_seconds": 0.0, "code": "0",
+    }  # fmt: skip
+    head = {"name": suite.name, "sha256": suite.sha256, "split": split, "conditions": [condition], "courses": 1}
+    return json.dumps({"suite": {**head, "shard": None}, "episodes": [episode]}).encode()
+
+
 def _unfinished(folder: Path) -> Path:
     state = SavedState(folder, {"--seed": 0})
     state.save({"sums": np.arange(5), "names": ["a", "b"]})
@@ -172,6 +215,7 @@ RIG = {
     "vergence_deg": 4.0, "distortion_model": "plumb_bob", "distortion_coefficients": [-0.22, 0.06, 0, 0],
     "rotation_deg": [0.5, 0.2, -0.7],
 }  # fmt: skip
+LOG = "".join(json.dumps({"kind": "train", "step": n, "loss": 2.5, "minutes": None}) + "\n" for n in range(3))
 PLACE = json.dumps({"preset": "gale", "rocks": {"k": 0.1}})
 FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "dataset.json": (_text("dataset.json", json.dumps(INDEX)), lambda path: StereoDataset(path.parent)),
@@ -188,9 +232,11 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "map": (_bytes("depth.tiff", _map), lambda path: read_map(path, "depth")),
     "weights": (_weights, M3Depth.from_pretrained),
     "policy": (_policy, read_policy),
-    "checkpoint": (_checkpoint, lambda path: read_checkpoint(path, torch.device("cpu"))),
+    "checkpoint": (_checkpoint, lambda path: _run(path.parent).resume()),
+    "training log": (_text("log.jsonl", LOG), lambda path: records(path.parent, "train")),
     "unfinished evaluation": (_unfinished, lambda path: SavedState(path.parent, {"--seed": 0}).load()),
     "episode": (_text("episode.json", json.dumps(asdict(RECORD))), read_record),
+    "results of a suite": (_bytes("results.json", _results), read_results),
     "recorded drive": (_bytes("drive.zip", drive_bytes), lambda path: read_drive(path).depth(0)),
     "heightmap .npy": (_heightmap(".npy"), _read_heightmap),
     "heightmap .png": (_heightmap(".png"), _read_heightmap),
@@ -203,5 +249,6 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "KITTI calibration": (_text("calib.txt", KITTI), read_calibration),
     **{name: (make, read_calibration_pair) for name, make in CALIBRATIONS.items()},
     "bag": (_bag, _read_bag),
+    "bag .db3": (_sqlite_bag, _read_bag),
     "metadata of a bag": (lambda folder: _bag(folder).with_name("metadata.yaml"), _read_bag_of),
 }

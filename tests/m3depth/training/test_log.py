@@ -4,8 +4,10 @@ import json
 import sys
 
 import numpy as np
+import pytest
 
 from m3depth.training.log import Log, records
+from marssim.base.files.json_file import DatasetError
 
 
 def test_small_numbers_keep_their_digits(tmp_path) -> None:
@@ -46,3 +48,21 @@ def test_each_start_says_what_its_steps_come_from(tmp_path, monkeypatch) -> None
     assert [start["step"] for start in starts] == [0, 2] and starts[0]["seed"] == 7
     assert starts[0]["numpy"] == np.__version__ and "commit" in starts[0]
     assert [record["step"] for record in records(tmp_path, "train")] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (b"\0\0\0}\n", "is not JSON"), (b"\n", "is not JSON"), (b'["kind", {}]\n', "not a JSON object"),
+        (b'{"kind": "train"}\n', "is not a record"), (b'{"kind": "val", "step": "2"}\n', "is not a record"),
+        (b'{"kind": "train", "step": 2, "loss": "low"}\n', "is not a record"), (b"[" * 10**5 + b"}\n", "deep"),
+    ],
+)  # fmt: skip
+def test_a_line_that_is_no_record_is_named(tmp_path, line, says) -> None:
+    """As a power loss may leave one, with zeros in it."""
+    lines = [b'{"kind": "train", "step": %d, "loss": 1.5}\n' % step for step in (1, 3)]
+    (tmp_path / "log.jsonl").write_bytes(lines[0] + line + lines[1])
+    for read in (lambda: records(tmp_path, "train"), lambda: Log(tmp_path, 3)):
+        with pytest.raises(DatasetError, match=rf"log\.jsonl, line 2: .*{says}"):
+            read()
+    assert (tmp_path / "log.jsonl").read_bytes() == lines[0] + line + lines[1]

@@ -236,10 +236,12 @@ def test_without_true_normals_depth_is_trained_alone() -> None:
     assert total_loss(output, half, LossConfig())[1]["normal"] > 0.1
 
 
-@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), 1e300])
 def test_weights_that_cannot_work_name_their_flag(value) -> None:
     with pytest.raises(ValueError, match=r"--loss\.sky-disparity must lie in \[0, 1000\]"):
         LossConfig(sky_disparity=value)
+    with pytest.raises(ValueError, match=r"--loss\.decay must lie in \[0, 2\]"):
+        LossConfig(decay=value)
 
 
 @pytest.mark.parametrize("inner", [0.0, 1.0])

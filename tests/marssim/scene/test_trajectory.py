@@ -135,7 +135,9 @@ def test_a_scene_too_small_for_the_drive_is_an_error():
         draw_trajectory(small, VIEW, TrajectoryConfig(step=5.0), 40, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("change", [{"step": 0.0}, {"step": float("nan")}, {"speed": 0.0}, {"speed": float("inf")}])
+@pytest.mark.parametrize(
+    "change", [{"step": 0.0}, {"step": float("nan")}, {"speed": 0.0}, {"speed": float("inf")}, {"speed": 1e300}]
+)
 def test_bad_values_are_named(change):
     with pytest.raises(ValueError, match=next(iter(change))):
         TrajectoryConfig(**change)

@@ -49,6 +49,35 @@ def test_a_single_file_of_a_bag_is_read_too(drive):
     assert [e.stamp for e in Bag(file).entries(["/odom"])] == drive.stamps
 
 
+def sqlite_copy(bag, folder):
+    """Write the messages of a bag into one that stores them by SQLite, as ROS 2 did by default up to Humble."""
+    from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+    with Reader(bag) as source, Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as written:
+        connections = {
+            c.topic: written.add_connection(c.topic, c.msgtype, typestore=library.typestore())
+            for c in source.connections
+        }
+        for connection, stamp, raw in source.messages():
+            written.write(connections[connection.topic], stamp, raw)
+    return folder
+
+
+def test_a_bag_of_sqlite_is_read_and_a_broken_one_named(drive, tmp_path):
+    copy = sqlite_copy(drive.path, tmp_path / "copy")
+    (file,) = copy.glob("*.db3")
+    for path in (copy, file):
+        bag, images = Bag(path), ["/stereo/left/image_rect"]
+        assert [entry.stamp for entry in bag.entries(images)] == drive.stamps
+        for (_, message), image in zip(bag.messages(images), drive.left, strict=True):
+            np.testing.assert_array_equal(image_array(message), image)
+        bag.close()
+    data = file.read_bytes()
+    for broken in (b"", data[:3000], b"no database" * 400, data[:16] + bytes(4000)):
+        file.write_bytes(broken)
+        assert "is not readable as a ROS 2 bag" in error_of(copy)
+
+
 def error_of(path) -> str:
     with pytest.raises(DatasetError) as caught:
         bag = Bag(path)

@@ -97,9 +97,10 @@ def test_a_rig_file_of_the_simulator(tmp_path):
     assert parsed.rig(512, 512) == NATECAM and parsed.size == (512, 512)
 
 
-def test_json_nested_without_end_is_refused(tmp_path):
+@pytest.mark.parametrize("text", ['{"a":' * 10**5, '{"rig": ' + "[" * 50 + "]" * 50 + "}"])
+def test_json_nested_too_deeply_is_refused(tmp_path, text):
     with pytest.raises(ValueError, match=r"deep\.json: is nested too deeply"):
-        read_calibration(write(tmp_path / "deep.json", '{"a":' * 10**5))
+        read_calibration(write(tmp_path / "deep.json", text))
 
 
 def camera_info(tx: float) -> str:
