@@ -19,13 +19,16 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 # one thread a worker: more of them wait for each other
 test quick hostile: export OMP_NUM_THREADS = 1
+# Empty: each of the many processes of the tests would compile the sources, and pytest all tests, where it is set.
+test quick hostile: export PYTHONDONTWRITEBYTECODE =
 
+# A worker takes whole files, in the order of tests/conftest.py.
 test: install
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "not benchmark"
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder -m "not benchmark"
 
 # In a minute: does the chain stand?
 quick: install
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "quick and not benchmark"
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder -m "quick and not benchmark"
 
 # Many more cases of the attacks in tests/hostile, of which `make test` runs a few.
 # Attacks on processes stop when their shares of HOSTILE_MINUTES are over; too few cases are a failure.

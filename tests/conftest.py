@@ -28,13 +28,25 @@ QUICK = (
     "envs/drives/test_metrics.py", "envs/world/test_odometry.py", "envs/observation/test_spaces.py",
 )  # fmt: skip
 
+# The files that take longest, in the order in which workers take them, so that a small one is the last. The first one
+# needs none of the simulator's kernels, which the second one compiles: one worker compiles, and the other loads them.
+LONGEST = (
+    "m3depth/runtimes/test_openvino_network.py", "marssim/test_generate.py", "m3depth/test_train.py",
+    "envs/test_mars_nav.py", "envs/test_evaluate.py", "m3depth/test_evaluate.py", "m3depth/training/test_torchrun.py",
+    "examples/test_examples.py", "marssim/test_robustness.py", "envs/test_train_ppo.py", "m3depth/test_export.py",
+    "m3depth/test_rectify.py",
+)  # fmt: skip
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that `make quick` runs."""
+    """Mark the tests that `make quick` runs, and put the longest files first."""
     root = Path(__file__).parent
+    names = {item.path: item.path.relative_to(root).as_posix() for item in items}
     for item in items:
-        if item.path.relative_to(root).as_posix().startswith(QUICK):
+        if names[item.path].startswith(QUICK):
             item.add_marker(pytest.mark.quick)
+    places = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(names[item.path], len(LONGEST)))
 
 
 @pytest.fixture(scope="session", autouse=True)

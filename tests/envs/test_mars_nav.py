@@ -34,8 +34,10 @@ def same(a, b):
 
 @pytest.fixture
 def rockless(small_scene):
-    """What checkers reset again and again."""
-    return replace(small_scene, rocks=replace(small_scene.rocks, k=0.0))
+    """Bare ground, which checkers reset again and again."""
+    bare = dict.fromkeys(("texture_strength", "pebbles", "wind_ripples", "bedrock", "gravel", "drifts"), (0.0, 0.0))
+    look, rocks = replace(small_scene.look, **bare), replace(small_scene.rocks, k=0.0)
+    return replace(small_scene, look=look, rocks=rocks)
 
 
 RARELY = {"condition": {"look_every": 1.0, "into_sun": True}, "map_observation": True}

@@ -12,6 +12,7 @@ PACKAGES = ("marssim", "m3depth", "nav", "envs")
 FACES = {"camera", "dataset"}  # of marssim.base, at marssim's door
 HEAVY = {
     "marssim.scene", "marssim.render", "marssim.physics", "marssim.engines", "pybullet", "embreex", "torch",
+    "matplotlib.pyplot",
 }  # fmt: skip
 MOST_FILES = 16
 
@@ -55,7 +56,7 @@ def test_every_folder_with_code_is_a_package(package):
         "import nav; nav.Navigator; nav.ElevationMap",
         "import envs, envs.drivers; envs.__version__",
         "import m3depth; [getattr(m3depth, name) for name in m3depth.__all__ if name != 'M3Depth']",
-        "import m3depth.estimator, m3depth.evaluate, m3depth.predict, m3depth.train",
+        "import m3depth.estimator, m3depth.evaluate, m3depth.predict, m3depth.rectify, m3depth.train",
         "import marssim",
         "import marssim.camera",
         "from marssim.dataset import StereoDataset",

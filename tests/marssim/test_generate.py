@@ -31,11 +31,12 @@ RIG = NATECAM.resized(48, 48)
 
 
 FLAGS = ("--pairs", 4, "--views-per-scene", 2, "--renderer", "embree", "--seed", 5, "--rocks.k", 0.02)
-FLAGS += ("--rig.width", 48, "--rig.height", 48, "--rig.focal", RIG.camera.fx)
+FLAGS += ("--rig.width", 48, "--rig.height", 48, "--rig.focal", RIG.camera.fx, "--size", 12, "--horizon", 16)
 
 
 def place(name: str = "utopia", k: float = 0.02) -> tuple[SceneConfig, ...]:
-    return (preset(name, rocks=replace(preset(name).rocks, k=k)),)
+    """Return a small place, which is cheap to build and to render."""
+    return (preset(name, size=12.0, horizon=16.0, rocks=replace(preset(name).rocks, k=k)),)
 
 
 def config(out: Path, **changes) -> GenerateConfig:
@@ -154,8 +155,10 @@ def test_a_rasterised_view_does_not_depend_on_those_before_it(tmp_path):
     """Views 2 and 7 show nearly the same ground, so that state of one view could affect the other."""
     pytest.importorskip("pybullet")
     rig = NATECAM.resized(96, 96)
+    large = (preset("utopia", rocks=replace(preset("utopia").rocks, k=0.02)),)
     after, alone = (
-        claimed(config(tmp_path / name, renderer="pybullet", seed=1, rig=rig)) for name in ("after", "alone")
+        claimed(config(tmp_path / name, renderer="pybullet", seed=1, rig=rig, scenes=large))
+        for name in ("after", "alone")
     )
     generate_scene(after, 0, [2, 7])
     generate_scene(alone, 0, [7])
@@ -309,7 +312,7 @@ def test_a_broken_record_of_the_settings_is_named(folder, capfd):
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (("--rocks.k", 0.3, "--size", 60), "--rocks.k or --size"),
+        (("--rocks.k", 0.3, "--size", 60, "--horizon", 96), "--rocks.k or --size"),
         (("--rocks.k", 0.4, "--rocks.min-diameter", 0.25, "--rocks.cluster", 0, "--size", 2), "--rocks.k"),
         (("--trajectory", "--size", 3, "--views-per-scene", 20), "--drive.step"),
     ],

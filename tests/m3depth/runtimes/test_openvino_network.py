@@ -18,11 +18,10 @@ pytestmark = pytest.mark.usefixtures("graphs_folder", "installed")
 
 FP32, BF16 = torch.float32, torch.bfloat16
 OTHER_SIZES = [  # each converts and compiles two graphs, which takes seconds: many differences in each
-    {"residual_width": 0},
     {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0},
     {
         "wavelet_levels": (2, 3), "output_head": 1, "score_kernel": 3, "heads_see_all": True, "lookup_levels": 0,
-        "implied_geometry": False, "match_channels": 0,
+        "implied_geometry": False, "match_channels": 0, "residual_width": 0,
     },
 ]  # fmt: skip
 
@@ -60,16 +59,14 @@ def test_nearest_and_max_pixels_do_the_same(small_network, in_fp32):
     assert actual.depth.shape == (96, 128) and max(differences(expected, actual)) < 1e-3
 
 
-def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolutions(in_fp32):
+def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolutions(in_fp32, monkeypatch):
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.cpu_dtype", lambda: BF16)
     left, right = ((255 * eye[0]).astype(np.uint8).transpose(1, 2, 0) for eye in textured_pair(1, 256, 320))
     images = left, right, StereoRig(PinholeCamera.centred(320, 256, 350.0), 0.27)
-    network = load_estimator("m3depth", runtime="pytorch")
-    disparity, normal, confidence = differences(network.infer(*images), OpenVinoM3Depth(network, BF16).infer(*images))
+    network, fast = load_estimator("m3depth", runtime="pytorch"), load_estimator("m3depth")
+    assert isinstance(fast, OpenVinoM3Depth) and fast.dtype == BF16
+    disparity, normal, confidence = differences(network.infer(*images), fast.infer(*images))
     assert disparity < 0.01 and max(normal, confidence) < 0.01
-
-
-def test_load_estimator_makes_one():
-    assert isinstance(load_estimator("m3depth"), OpenVinoM3Depth)
 
 
 def test_wrong_input_is_refused_as_by_pytorch(small_network):

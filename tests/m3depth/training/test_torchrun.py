@@ -95,23 +95,24 @@ from m3depth.training.process_group import entered_by_first, joined_group
 from marssim.base.results.claim import ResultFolder
 
 with joined_group("cpu") as (rank, world, device):
-    try:
-        with entered_by_first(rank, world, ResultFolder(Path(sys.argv[1]), "training run").claim()):
-            print(f"process {rank} entered\\n", end="", flush=True)  # in one write: the other process prints too
-    except ValueError as error:
-        print(f"process {rank}: {error}\\n", end="", flush=True)
+    for folder in sys.argv[1:]:
+        try:
+            with entered_by_first(rank, world, ResultFolder(Path(folder), "training run").claim()):
+                print(f"process {rank} entered\\n", end="", flush=True)  # in one write: the other process prints too
+        except ValueError as error:
+            print(f"process {rank}: {error}\\n", end="", flush=True)
 """
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
 def test_every_process_learns_that_another_command_holds_the_folder(tmp_path) -> None:
-    """Only the first one asks for the folder; the others neither wait for it nor go on without."""
+    """Only the first asks for the folder; the others neither wait for it nor go on without. All enter a free one."""
     (tmp_path / "ask.py").write_text(REFUSED)
     with sole_writer(tmp_path / "run"):
-        done = torchrun(str(tmp_path / "ask.py"), str(tmp_path / "run"))
+        done = torchrun(str(tmp_path / "ask.py"), str(tmp_path / "run"), str(tmp_path / "free"))
     assert done.returncode == 0, done.stderr[-3000:]
     for rank in range(2):
         message = rf"^process {rank}: {tmp_path / 'run'}: another command \(process {os.getpid()} .*let it end first$"
         assert re.search(message, done.stdout, re.MULTILINE), done.stdout
-    done = torchrun(str(tmp_path / "ask.py"), str(tmp_path / "run"))
-    assert sorted(done.stdout.split("\n")) == ["", "process 0 entered", "process 1 entered"], done.stderr[-3000:]
+    entered = sorted(line for line in done.stdout.splitlines() if line.endswith("entered"))
+    assert entered == ["process 0 entered", "process 1 entered"], done.stderr[-3000:]

@@ -57,7 +57,15 @@ def looked(name: str) -> Scene:
     return replace(SCENE, look=replace(draw_look(BARE, np.random.default_rng(0)), texture_seed=5, **LOOKS[name]))
 
 
-GROUNDS = {name: ground_relief(scene) for name, scene in ((name, looked(name)) for name in LOOKS)}
+class Grounds(dict[str, Ground]):
+    """The ground of each look, made when a test first asks for it."""
+
+    def __missing__(self, name: str) -> Ground:
+        self[name] = ground_relief(looked(name))
+        return self[name]
+
+
+GROUNDS = Grounds()
 
 
 def at(ground: Ground, x, y, footprint: float) -> np.ndarray:
