@@ -138,7 +138,7 @@ def _count(
     results = {
         name: {step: counts.result() for step, counts in by_step.items()} for name, by_step in counts_by_method.items()
     }
-    return _report(config, results, records)
+    return _report(config, results, records, left_out=len(pairs) - len(records))
 
 
 def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
@@ -153,7 +153,7 @@ def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
 
 
 def _report(
-    config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]], records: list[dict[str, Any]]
+    config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]], records: list[dict[str, Any]], left_out: int
 ) -> dict[str, Any]:
     """Write the files, and return the content of results.json.
 
@@ -161,6 +161,7 @@ def _report(
         config: The command's flags.
         by_step: MapRockCounts.result() by method and height of an obstacle [m].
         records: The counts of each pair at --step, by method.
+        left_out: Number of pairs without a pose, or that show no ground.
     """
     results = {name: steps[config.step] for name, steps in by_step.items()}
     named = ", ".join(map(str, config.data))
@@ -168,8 +169,8 @@ def _report(
     if not images:
         raise ValueError(f"{named}: no pair of split {config.split} shows ground and holds the pose of its camera")
     about = {
-        "data": [str(path) for path in config.data], "split": config.split, "images": images, "step_m": config.step,
-        "degrade": config.degrade, "seed": config.seed,
+        "data": [str(path) for path in config.data], "split": config.split, "images": images, "left_out": left_out,
+        "step_m": config.step, "degrade": config.degrade, "seed": config.seed,
         "runtime": recorded_runtime(config.perception, config.runtime), "versions": versions(),
     }  # fmt: skip
     curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
@@ -240,6 +241,8 @@ def _work(config: RocksConfig) -> None:
             f"(median); {counted(counts['false'], 'false obstacle')} and {counts['displaced']} displaced in "
             f"{counted(counts['images'], 'frame')}"
         )
+    if left_out := content["left_out"]:
+        print(f"{counted(left_out, 'pair')} left out: no pose of the camera, or no ground in sight")
     print(f"by height and range: {config.out / 'results.md'}")
 
 

@@ -155,7 +155,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-    budget = 60 * config.max_minutes
+    budget, log_file = 60 * config.max_minutes, config.out / LOG
     if used >= budget:
         print(f"{config.out}: already at --max-minutes {config.max_minutes:g}; raise it to go on")
         return
@@ -185,7 +185,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
             save(self.model)
             if ended := list(self.model.ep_info_buffer or []):
                 row = _summary(ended)
-                with (config.out / LOG).open("a", encoding="utf-8") as log:
+                with log_file.open("a", encoding="utf-8") as log:
                     log.write(json_text({"choices": self.num_timesteps, **row}) + "\n")
                 share = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
                 left = f"{max(0.0, budget - trained()) / 60:.0f} min to go"
@@ -195,6 +195,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
                 )
 
     with _closed(vector):
+        _drop_half_line(log_file)
         model = _model(config, path, vector, rollout, rate)
         if model.num_timesteps >= config.max_steps:
             print(f"{config.out}: already at --max-steps {config.max_steps}; raise it to go on")
@@ -202,6 +203,13 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
         # the steps end it here, not in the callback: PPO never learns from a rollout that the callback ends
         model.learn(config.max_steps - model.num_timesteps, callback=Clock(), reset_num_timesteps=False)
         save(model)
+
+
+def _drop_half_line(log: Path) -> None:
+    """Take the last line out of a log if a full disk or a power cut left half of it."""
+    content = log.read_bytes() if log.exists() else b""
+    if not content.endswith(b"\n") and content:
+        write_atomically(log, content[: content.rfind(b"\n") + 1])
 
 
 def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Callable[[float], float]) -> Any:

@@ -151,6 +151,15 @@ def test_pairs_without_poses_are_reported(folder, tmp_path, capsys):
     assert error.startswith(f"error: {copy}: no pair of split ") and error.endswith("holds the pose of its camera")
 
 
+def test_the_number_of_pairs_without_a_pose_is_said(folder, tmp_path, capsys):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    without_pose(copy, ["00001/01"])
+    assert main(["--data", str(copy), "--out", str(tmp_path / "out"), "--perception", "ground_truth"]) == 0
+    assert "\n1 pair left out: no pose" in capsys.readouterr().out
+    content = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert (content["images"], content["left_out"]) == (1, 1)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

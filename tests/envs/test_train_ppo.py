@@ -27,6 +27,8 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place)}
     path = train(PPOConfig(**config, max_steps=16), rollout=16)
     first = zipfile.ZipFile(path).read("policy.pth")
+    with (tmp_path / "log.jsonl").open("a") as log:
+        log.write('{"choices": 1')  # all that a full disk took
     assert train(PPOConfig(**config, max_steps=32), rollout=16) == path
     assert zipfile.ZipFile(path).read("policy.pth") != first
     whole = path.read_bytes()

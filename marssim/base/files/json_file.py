@@ -72,6 +72,8 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         DatasetError: The file cannot be read, or holds no JSON object. One line that names the file.
     """
+    if path.is_fifo() or path.is_char_device():
+        raise DatasetError(f"{path}: is a pipe or a device, not a file")  # which may never end
     try:
         data = path.read_bytes()
     except FileNotFoundError:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -54,3 +55,10 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, text, problem):
         read_json(file)
     with pytest.raises(DatasetError, match="no such file"):
         read_json(tmp_path / "none.json")
+
+
+def test_a_pipe_that_nobody_writes_to_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.json")
+    for path in (tmp_path / "pipe.json", Path("/dev/zero")):
+        with pytest.raises(DatasetError, match=rf"^{path}: is a pipe or a device, not a file$"):
+            read_json(path)
