@@ -40,6 +40,7 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
+from marssim.base.files.no_link import append_line
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -155,7 +156,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-    budget, log_file = 60 * config.max_minutes, config.out / LOG
+    budget, log = 60 * config.max_minutes, config.out / LOG
     if used >= budget:
         print(f"{config.out}: already at --max-minutes {config.max_minutes:g}; raise it to go on")
         return
@@ -176,17 +177,27 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
         folder.note(**{SECONDS: round(trained(), 1)})
 
     class Clock(BaseCallback):
-        """Ends the training in time; before each update saves the policy of the last one and prints the progress."""
+        """Ends the training in time, saves the policy after each update, and prints the progress before it."""
+
+        learnt = 0  # choices that the policy has learnt from
+        in_time = True
+
+        def _on_training_start(self) -> None:
+            self.learnt = self.num_timesteps
 
         def _on_step(self) -> bool:
-            return trained() < budget
+            self.in_time = trained() < budget
+            return self.in_time
+
+        def _on_rollout_start(self) -> None:  # the first call comes before, each other one after an update
+            if self.num_timesteps > self.learnt:
+                self.learnt = self.num_timesteps
+                save(self.model)
 
         def _on_rollout_end(self) -> None:
-            save(self.model)
             if ended := list(self.model.ep_info_buffer or []):
                 row = _summary(ended)
-                with log_file.open("a", encoding="utf-8") as log:
-                    log.write(json_text({"choices": self.num_timesteps, **row}) + "\n")
+                append_line(log, json_text({"choices": self.num_timesteps, **row}))
                 share = f"{100 * row['arrived']:.0f} % arrived, reward {row['reward']:.1f}"
                 left = f"{max(0.0, budget - trained()) / 60:.0f} min to go"
                 print(
@@ -195,13 +206,16 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
                 )
 
     with _closed(vector):
-        _drop_half_line(log_file)
+        _drop_half_line(log)
         model = _model(config, path, vector, rollout, rate)
         if model.num_timesteps >= config.max_steps:
             print(f"{config.out}: already at --max-steps {config.max_steps}; raise it to go on")
             return
         # the steps end it here, not in the callback: PPO never learns from a rollout that the callback ends
-        model.learn(config.max_steps - model.num_timesteps, callback=Clock(), reset_num_timesteps=False)
+        clock = Clock()
+        model.learn(config.max_steps - model.num_timesteps, callback=clock, reset_num_timesteps=False)
+        if not clock.in_time:  # so the last rollout ended early, and nothing was learnt from it
+            model.num_timesteps = clock.learnt
         save(model)
 
 

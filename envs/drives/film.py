@@ -13,8 +13,8 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
-from marssim.base.files.atomic import written_atomically
 from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
+from marssim.base.images.video_file import written_video
 from marssim.physics.state import RoverState
 from nav.navigator import Navigator
 from nav.path.footprint import footprint_corners
@@ -50,13 +50,8 @@ class Film:
         Raises:
             OSError: If the file cannot be written.
         """
-        size = (3 * PANEL, 2 * PANEL)
-        with ExitStack() as opened:
-            part = opened.enter_context(written_atomically(path))
-            self._writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
-            if not self._writer.isOpened():
-                raise OSError(f"{path}: OpenCV cannot write a video here; is the folder writable?")
-            self._file = opened.pop_all()
+        self._file = ExitStack()
+        self._write = self._file.enter_context(written_video(path, (3 * PANEL, 2 * PANEL), FPS))
         self.title = title
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None
@@ -67,12 +62,14 @@ class Film:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._writer.release()
         self._file.__exit__(kind, error, traceback)
 
     def close(self) -> None:
-        """Finish the file; may be called twice."""
-        self._writer.release()
+        """Finish the file; may be called twice.
+
+        Raises:
+            OSError: If the file cannot be written whole.
+        """
         self._file.close()
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
@@ -112,7 +109,7 @@ class Film:
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
         for _ in range(1 if env.outcome == "driving" else LAST_FRAMES):
-            self._writer.write(np.ascontiguousarray(frame[..., ::-1]))
+            self._write(np.ascontiguousarray(frame[..., ::-1]))
         if step % STILL_EVERY == 0:
             self.stills.append(frame)
 

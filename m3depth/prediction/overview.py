@@ -15,9 +15,10 @@ import numpy as np
 from m3depth.prediction.files import CLOUD, FIGURE, RECORD
 from m3depth.prediction.fused_cloud import fuse
 from m3depth.stereo.pairs import spread
-from marssim.base.files.atomic import write_atomically, written_atomically
+from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
 from marssim.base.files.png import decode_png
+from marssim.base.images.video_file import written_video
 
 SHEET, VIDEO, FUSED = "overview.jpg", "video.mp4", "fused_cloud.ply"
 MOST, COLUMNS = 20, 4  # pictures of the sheet
@@ -59,19 +60,15 @@ def write_video(out: Path, names: Sequence[str], rate: float) -> None:
         rate: Frames a second.
 
     Raises:
-        OSError: OpenCV cannot write the video.
+        OSError: The video cannot be written whole.
     """
     height, width = (side // 2 * 2 for side in _picture(out / names[0]).shape[:2])  # codecs want even sides
-    with written_atomically(out / VIDEO) as part:
-        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
-        if not writer.isOpened():
-            raise OSError(f"{out / VIDEO}: OpenCV cannot write a video here; is the folder writable?")
+    with written_video(out / VIDEO, (width, height), rate) as write:
         for name in names:
             picture = _picture(out / name)
             if picture.shape[:2] != (height, width):
                 picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-            writer.write(picture)
-        writer.release()
+            write(picture)
 
 
 def write_fused_cloud(out: Path, names: Sequence[str], voxel: float) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 from marssim.base.command.progress import LINE_SECONDS
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text, parse_json
+from marssim.base.files.no_link import append_line
 from marssim.base.results.code_state import versions
 
 LOG = "log.jsonl"  # name of the log in a run's folder
@@ -91,8 +92,7 @@ class Log:
                 self.board.add_scalar(f"{kind}/{name}", value, step)
 
     def _add(self, record: dict[str, Any]) -> None:
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json_text(record) + "\n")
+        append_line(self.path, json_text(record))
 
     def image(self, name: str, step: int, pixels: np.ndarray) -> None:
         """Show an image in TensorBoard.

@@ -1,4 +1,5 @@
 import base64
+import io
 import json
 import os
 import signal
@@ -37,7 +38,7 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
         train(PPOConfig(**config, max_steps=48), rollout=16)
     assert path.read_bytes() == whole
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
-    assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 32
+    assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 48
     assert all(0 <= row["arrived"] <= 1 and row["episodes"] >= 1 for row in rows)
     other = r"--k 0\.1 0\.2, not 0\.0 0\.1; --seed 0, not 1"
     with pytest.raises(DatasetError, match=rf"train_ppo\.json: .* other settings \({other}\); choose"):
@@ -51,6 +52,29 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
     driver = make_driver(str(path))
     driver.reset(env, 0)
     assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
+
+
+def test_a_policy_counts_no_choices_that_it_has_not_learnt_from(tmp_path, small_place, monkeypatch):
+    from stable_baselines3 import PPO
+
+    updates, update = [], PPO.train
+
+    def killed_in_the_second(self):
+        updates.append(self.num_timesteps)
+        if len(updates) == 2:
+            raise KeyboardInterrupt
+        update(self)
+
+    monkeypatch.setattr(PPO, "train", killed_in_the_second)
+    config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place)}
+    with pytest.raises(KeyboardInterrupt):
+        train(PPOConfig(**config, max_steps=48), rollout=16)
+    with zipfile.ZipFile(tmp_path / "policy.zip") as archive:
+        optimizer = torch.load(io.BytesIO(archive.read("policy.optimizer.pth")), weights_only=True)
+        assert json.loads(archive.read("data"))["num_timesteps"] == 16 and updates == [16, 32]
+    assert all(state["step"] > 0 for state in optimizer["state"].values()) and optimizer["state"]
+    train(PPOConfig(**config, max_steps=48), rollout=16)
+    assert updates == [16, 32, 32, 48]  # what was lost is learnt again
 
 
 def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path, small_place):

@@ -21,8 +21,9 @@ def write_atomically(path: Path, data: bytes) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.unlink(missing_ok=True)
     try:
-        with naming(path), part.open("wb") as file:
+        with naming(path), part.open("xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -36,7 +37,8 @@ def written_atomically(path: Path) -> Iterator[Path]:
     """Yield another path for a file, which becomes `path` when the block ends; after an exception it is deleted.
 
     It is for a library that opens a file by its name and writes to it bit by bit, as that of a video. The other path
-    has the same name, in a folder that a killed process leaves behind and that ResultFolder then deletes.
+    has the same name, in a folder that a killed process leaves behind and that ResultFolder then deletes. Other than
+    write_atomically, it does not wait for the disk: after a power cut the file may be empty.
 
     Args:
         path: The file. Its folder must exist.

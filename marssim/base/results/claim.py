@@ -150,7 +150,7 @@ class ResultFolder:
         """Delete files and folders that killed runs have half written."""
         for pattern in self.partial:
             for path in list(self.path.glob(pattern)):
-                if path.is_dir():
+                if path.is_dir() and not path.is_symlink():
                     shutil.rmtree(path)
                 else:
                     path.unlink(missing_ok=True)

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from marssim.base.files.no_link import open_no_link
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -36,7 +38,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
     Raises:
         FolderInUse: Another command writes to the folder.
-        OSError: The folder or the lock's file cannot be made.
+        OSError: The folder or the lock's file cannot be made, or the file is a link.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
@@ -63,7 +65,7 @@ def check_unused(folder: Path) -> None:
         FolderInUse: A command writes to the folder.
     """
     with suppress(OSError):
-        file = os.open(folder / LOCK, os.O_RDONLY)
+        file = open_no_link(folder / LOCK, os.O_RDONLY)
         try:
             if fcntl is not None:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -82,7 +84,7 @@ def _in_use(folder: Path, file: int) -> str:
 def _take(path: Path, folder: Path) -> int:
     """Return the file descriptor of the lock's file, locked. Raises FolderInUse or OSError."""
     while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        file = open_no_link(path, os.O_RDWR | os.O_CREAT)
         try:
             if fcntl is None:
                 return file

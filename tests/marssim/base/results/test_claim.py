@@ -121,6 +121,11 @@ def test_half_written_files_of_a_killed_run_are_deleted(tmp_path):
     assert {file.name for file in tmp_path.iterdir()} >= {"results.part", ".mine.part", ".bashrc", "scenes"}
     claimed(tmp_path, partial=("scenes/.*",))
     assert not list((tmp_path / "scenes").iterdir())
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "file").touch()
+    (tmp_path / ".a.1.part").symlink_to(tmp_path / "others", target_is_directory=True)
+    claimed(tmp_path)
+    assert not (tmp_path / ".a.1.part").is_symlink() and (tmp_path / "others" / "file").exists()
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")

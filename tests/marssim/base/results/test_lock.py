@@ -130,3 +130,21 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     with pytest.raises(OSError) as error, sole_writer(tmp_path / "file" / "below"):
         raise AssertionError
     assert str(tmp_path / "file") in str(error.value.filename)
+
+
+def test_a_link_in_the_folder_leads_nowhere(tmp_path):
+    """Who made the folder may have laid a link to a file of the user there."""
+    others = tmp_path / "others.txt"
+    others.write_text("not to be lost")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / ".lock").symlink_to(others)
+    with pytest.raises(OSError, match=rf"^{folder}/\.lock: is a link, .*; delete it$"), sole_writer(folder):
+        raise AssertionError
+    check_unused(folder)
+    assert others.read_text() == "not to be lost"
+
+
+def test_a_pipe_in_place_of_the_lock_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / ".lock")
+    check_unused(tmp_path)

@@ -1,0 +1,20 @@
+import pytest
+
+from marssim.base.files.no_link import append_line
+
+
+def test_lines_are_added_to_a_file_but_not_through_a_link(tmp_path):
+    log, others = tmp_path / "log.jsonl", tmp_path / "others.txt"
+    append_line(log, '{"a": "ä"}')
+    append_line(log, "{}")
+    assert log.read_text(encoding="utf-8") == '{"a": "ä"}\n{}\n'
+    (tmp_path / "link.jsonl").symlink_to(others)  # others.txt does not exist yet
+    with pytest.raises(OSError, match=rf"^{tmp_path}/link\.jsonl: is a link, through which nothing is written"):
+        append_line(tmp_path / "link.jsonl", "{}")
+    assert not others.exists()
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(OSError) as error:
+        append_line(tmp_path / "none" / "log.jsonl", "{}")
+    assert error.value.filename == str(tmp_path / "none" / "log.jsonl")
