@@ -119,7 +119,7 @@ def is_validated(run: Run) -> bool:
 
 
 def finish(run: Run, log: Log, validator: Validator, stopped: bool) -> dict[str, float]:
-    """Save a run that is done, or that a signal stopped, draw its curves and report it.
+    """Validate a run that is done, draw its curves and report it, or report one that a signal stopped.
 
     Args:
         run: The run.
@@ -130,7 +130,6 @@ def finish(run: Run, log: Log, validator: Validator, stopped: bool) -> dict[str,
     Returns:
         The scores of a run that is done.
     """
-    run.save()
     scores = {} if stopped else validator.validate()
     save_curves(run.config.out)
     if stopped:
@@ -142,7 +141,7 @@ def finish(run: Run, log: Log, validator: Validator, stopped: bool) -> dict[str,
 
 
 def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Validator) -> bool:
-    """Take steps until the budget is spent or a signal comes.
+    """Take steps until the budget is spent or a signal comes, and save the run.
 
     Args:
         run: The run.
@@ -170,6 +169,8 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
             if stopped or done >= 1:
                 if batch is not None:
                     check_state(run, batch, dtype, world)
+                    if log:
+                        run.save()
                 return bool(stopped)
             before = time.monotonic()
             batch = next(stream).to(device)

@@ -17,6 +17,7 @@ import numpy as np
 LARGEST_FLOAT = sys.float_info.max
 WIDEST_BASELINE = 10.0  # [m] a larger one is taken for millimetres
 LARGEST_IMAGE = 1 << 16  # [px] width and height
+LONGEST_FOCAL = 1e9  # [px]
 FARTHEST_PRINCIPAL_POINT = 1e6  # [px] from the first pixel, for parts of images that do not hold it
 MIN_DEPTH = 0.5  # [m] nearest depth that is scored (paper, Sec. V-B)
 MAX_DEPTH = 15.0  # [m] farthest depth that is scored
@@ -54,6 +55,8 @@ class PinholeCamera:
         for name in ("fx", "fy"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive and finite [px], got {getattr(self, name)}")
+            if getattr(self, name) > LONGEST_FOCAL:
+                raise ValueError(f"{name} must be at most {LONGEST_FOCAL:g} px, got {getattr(self, name):g}")
         for name in ("cx", "cy"):
             if not np.isfinite(getattr(self, name)):
                 raise ValueError(f"{name} must be finite [px], got {getattr(self, name)}")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import random
+import signal
 import tempfile
 import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +70,28 @@ class Harm:
         return open, (str(self.file), "w")
 
 
+PATIENCE = 20  # [s] for a case in the process of the test, which takes milliseconds; beside other work more
+HUNG = 120  # [s] after which a case that no signal ends takes its process along, and says where it hung
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    """Let what takes longer than PATIENCE fail."""
+
+    def too_long(*_: object) -> None:
+        raise AssertionError(f"not done after {PATIENCE} s")
+
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    faulthandler.dump_traceback_later(HUNG, exit=True)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
 HARMED = Path(tempfile.gettempdir()) / f"hostile-code-ran-{os.getpid()}"  # appears when a file's code is run
 CODE = f"open({str(HARMED)!r}, 'w')".encode()
 
@@ -80,7 +105,7 @@ def judge(work: Callable[[], object], capsys: pytest.CaptureFixture[str], *names
         names: Words of which a refusal must hold one: the attacked flags, or the file.
     """
     capsys.readouterr()
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught, in_time():
         code = exit_code(work)
     assert not caught, f"stderr would show {caught[0].message}"
     error = capsys.readouterr().err

@@ -4,7 +4,7 @@ from dataclasses import fields, is_dataclass
 from math import inf
 
 import pytest
-from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of
+from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of, with_values
 from hypothesis import given
 from hypothesis import strategies as st
 from oracle import count, judge, many
@@ -32,17 +32,33 @@ def test_every_command_is_attacked():
 
 
 @pytest.mark.parametrize("command", CONFIGS)
+def test_the_least_command_line_is_taken_and_every_flag_is_one(command):
+    """Else all attacks would end at the same refusal."""
+    parser_of(command)(CONFIGS[command][1])
+    for flag, width in flags_of(config_of(command)):
+        try:
+            parser_of(command)(with_values(command, [(flag, ["1"] * abs(width))]))
+        except ValueError as error:
+            assert "unknown option" not in str(error), f"{flag}: {error}"
+
+
+@pytest.mark.parametrize("command", CONFIGS)
 @given(data=st.data())
 @many
 def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, tmp_path_factory):
     flags = data.draw(st.lists(st.sampled_from(list(flags_of(config_of(command)))), min_size=1, max_size=2))
-    args = list(CONFIGS[command][1])
+    values = []
     for flag, width in flags:
         number = data.draw(st.integers(0, 3)) if width < 0 else width
-        args += [flag, *(data.draw(HOSTILE) for _ in range(number))]
+        values.append((flag, [data.draw(HOSTILE) for _ in range(number)]))
     count(command, "flags")
     taken: list[object] = []
-    words = [word for word in args if word and not word.startswith("--")]
-    judge(lambda: taken.append(parser_of(command)(args)), capsys, "--", *words)
+    words = [word for _, drawn in values for word in drawn]
+    names = [flag for flag, _ in flags if flag]
+    if any(word.startswith("-") for word in words):  # may be taken for an option of its own
+        names.append("unknown option")
+    if "" in dict(flags):
+        names += [word for word in words if word] + CONFIGS[command][1][:1]
+    judge(lambda: taken.append(parser_of(command)(with_values(command, values))), capsys, *names)
     for config in taken:
         check_meant(config)

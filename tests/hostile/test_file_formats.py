@@ -1,14 +1,16 @@
 """Damaged and forged files of every format are read, or refused in one line that names the file."""
 
 import pickle
+import random
 import re
 import zlib
+from collections.abc import Iterator
 
 import pytest
 from file_formats import FORMATS
 from hypothesis import given
 from hypothesis import strategies as st
-from oracle import CODE, HARMED, Harm, count, judge, many
+from oracle import CODE, HARMED, Harm, count, judge, many, only_in_make_hostile, rng_of
 
 from marssim.base.files.png import MAGIC
 
@@ -17,6 +19,7 @@ TOKENS = (
     b"NaN", b"1e999", b"-1", b"0", b"0.5", b"9" * 400, b'""', b"null", b"[]", b"{}", b'"x"', b"[" * 100_000, b"true",
     b"\xff", b"1e300", CODE,
 )  # fmt: skip
+MOST_VALUES = 60  # of a text that are replaced, each by each of TOKENS
 
 
 def with_right_checksums(data: bytes) -> bytes:
@@ -70,6 +73,26 @@ def test_the_files_are_valid_before_they_are_attacked(valid, name):
     path, data = valid[name]
     path.write_bytes(data)
     FORMATS[name][1](path)
+
+
+def with_other_values(data: bytes, rng: random.Random) -> Iterator[bytes]:
+    """Yield a text with each of its values, or MOST_VALUES of them, in turn replaced by each of TOKENS."""
+    places = list(TOKEN.finditer(data))
+    for place in rng.sample(places, min(MOST_VALUES, len(places))):
+        for token in TOKENS:
+            yield data[: place.start()] + token + data[place.end() :]
+
+
+@only_in_make_hostile
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_value_in_a_text_is_taken_for_what_it_is_not(valid, name, capfd):
+    path, whole = valid[name]
+    if b"\0" in whole:
+        pytest.skip("is no text")
+    for text in with_other_values(whole, rng_of(name)):
+        path.write_bytes(text)
+        count(name, "file")
+        judge(lambda: FORMATS[name][1](path), capfd, path.name)
 
 
 @pytest.mark.parametrize("name", FORMATS)

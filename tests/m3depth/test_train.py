@@ -131,6 +131,18 @@ def test_the_command_saves_after_a_signal_and_exits_with_130_but_under_torchrun_
     assert printed.endswith("error: interrupted; the same command goes on from here\n") != torchrun
 
 
+def test_a_signal_during_the_last_save_costs_nothing(plane_samples, tmp_path, monkeypatch) -> None:
+    save = Run.save
+
+    def save_interrupted(run: Run) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        save(run)
+
+    monkeypatch.setattr(Run, "save", save_interrupted)
+    train(config_for(tmp_path, max_steps=2, validate_every=0), plane_samples, [])
+    assert torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"] == 2
+
+
 @pytest.mark.parametrize("last", [2, 3, 6])
 def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_samples, tmp_path, monkeypatch, last) -> None:
     """As after kill -9 or a power cut: nothing is saved at the end, what came after the checkpoint is done again.
@@ -158,6 +170,7 @@ def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_sample
     whole, again = (torch.load(tmp_path / n / "checkpoint.pt", weights_only=True) for n in ("whole", "cut"))
     for part in ("model", "averaged"):
         assert all(torch.equal(tensor, again[part][name]) for name, tensor in whole[part].items())
+    assert whole["optimizer"]["param_groups"] == again["optimizer"]["param_groups"]
     for number, state in whole["optimizer"]["state"].items():
         assert all(torch.equal(state[name], again["optimizer"]["state"][number][name]) for name in state)
     logs = []

@@ -37,7 +37,9 @@ def matrix(fields: Mapping[str, Any], names: str | Sequence[str], *shapes: tuple
     if isinstance(values, Mapping):
         rows, cols = values.get("rows"), values.get("cols")
         array = numbers(values.get("data"), name)
-        if isinstance(rows, int) and isinstance(cols, int):
+        if rows is not None or cols is not None:
+            if type(rows) is not int or type(cols) is not int:  # bool is an int too
+                raise ValueError(f"field {name} must have whole numbers of rows and cols")
             if rows < 0 or cols < 0 or array.size != rows * cols:
                 raise ValueError(f"field {name} must have {rows} x {cols} numbers, has {array.size}")
             array = array.reshape(rows, cols)

@@ -9,6 +9,8 @@ from functools import partial
 from importlib import import_module
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+import tyro
+
 from marssim.base.command.flags import parse
 
 VALUES = (  # for flags of any kind
@@ -28,7 +30,7 @@ CONFIGS = {  # the config of each command, and the least that it needs
     "m3depth.rectify": ("m3depth.rectification.options:RectifyOptions", ["left.png", "right.png", "--out", "out"]),
     "m3depth.export": ("m3depth.export:ExportOptions", ["--out", "model.onnx"]),
     "m3depth.ablate": ("m3depth.ablation.config:AblateOptions", ["--data", "data", "--out", "out", "--steps", "1"]),
-    "m3depth.texture": ("m3depth.texture:TextureOptions", ["--images", "data", "--out", "out"]),
+    "m3depth.texture": ("m3depth.texture:TextureOptions", ["data", "--out", "out"]),
     "nav.replay": ("nav.replay:ReplayConfig", ["data"]),
     "nav.map": ("nav.map:MapOptions", ["data", "--out", "out"]),
     "envs.evaluate": ("envs.drives.config:EvaluateConfig", ["--out", "out"]),
@@ -63,17 +65,40 @@ def parser_of(command: str) -> Callable[[Sequence[str]], object]:
 
 
 def flags_of(config: type, prefix: str = "--") -> Iterator[tuple[str, int]]:
-    """Yield each flag of a config with the number of its values; -1 for any number, 0 for a switch."""
+    """Yield each flag of a config with the number of its values; -1 for any number, 0 for a switch.
+
+    Values that stand without a flag, at the start of the line, have the flag "".
+    """
     for name, hint in get_type_hints(config, include_extras=True).items():
         extras = getattr(hint, "__metadata__", ())
         if get_origin(hint) is Annotated:
             hint = get_args(hint)[0]
-        flag = prefix + name.replace("_", "-")
+        flag = "" if tyro.conf.Positional in extras else prefix + name.replace("_", "-")
         if is_dataclass(hint):
             unnamed = any(getattr(extra, "name", None) == "" for extra in extras)
             yield from flags_of(hint, prefix if unnamed else f"{flag}.")
         else:
             yield flag, _width(hint)
+            for alias in (alias for extra in extras for alias in getattr(extra, "aliases", None) or ()):
+                yield alias, _width(hint)
+
+
+def with_values(command: str, values: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+    """Return the least command line of a command with flags and their values added, or put in place of its first words.
+
+    Args:
+        command: The command.
+        values: Flags as flags_of yields them, each with its values.
+    """
+    least = CONFIGS[command][1]
+    start = next((n for n, word in enumerate(least) if word.startswith("--")), len(least))
+    first, rest = least[:start], least[start:]
+    for flag, words in values:
+        if flag:
+            rest = [*rest, flag, *words]
+        else:
+            first = list(words)
+    return [*first, *rest]
 
 
 def _width(hint: Any) -> int:

@@ -102,9 +102,11 @@ def test_impossible_cameras_are_refused_by_the_fields_name(bad):
         PinholeCamera(**{"width": 4, "height": 4, "fx": 1.0, "fy": 1.0, "cx": 1.5, "cy": 1.5, **bad})
 
 
-@pytest.mark.parametrize("bad", [{"width": 65537}, {"height": 1 << 40}, {"cx": 1e300}, {"cy": -1.1e6}])
+@pytest.mark.parametrize(
+    "bad", [{"width": 65537}, {"height": 1 << 40}, {"cx": 1e300}, {"cy": -1.1e6}, {"fx": 1.1e9}, {"fy": 1e300}]
+)
 def test_cameras_beyond_all_reason_are_refused_by_the_fields_name(bad):
-    with pytest.raises(ValueError, match=f"^{next(iter(bad))} must (be at most 65536|lie within)"):
+    with pytest.raises(ValueError, match=rf"^{next(iter(bad))} must (be at most (65536|1e\+09)|lie within)"):
         PinholeCamera(**{"width": 4, "height": 4, "fx": 1.0, "fy": 1.0, "cx": 1.5, "cy": 1.5, **bad})
 
 

@@ -285,6 +285,7 @@ YAML = opencv_text(pair())
     ("text", "says"),
     [
         (YAML.replace("rows: 3\n   cols: 3", "rows: 2\n   cols: 3", 1), "field K1 must have 2 x 3 numbers, has 9"),
+        (YAML.replace("rows: 3\n", "rows: true\n", 1), "field K1 must have whole numbers of rows and cols"),
         (YAML.replace("505.0", ".nan"), "field K1 has a value that is no finite number"),
         (YAML.replace("505.0", "wide"), "field K1 must hold numbers only"),
         (YAML.replace("R: ", "X: "), "holds neither R and T nor R1, R2 and P2"),
