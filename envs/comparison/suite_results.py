@@ -15,7 +15,7 @@ from envs.comparison.schema import results_schema
 from envs.drives.config import shard_of
 from envs.drives.metrics import spl
 from envs.drives.resume import WEIGHTS
-from envs.suites.suite import SAME_WAY, Suite, load_suite
+from envs.suites.suite import SAME_WAY, Suite, load_suite, packaged_suites
 from envs.world.perception import GROUND_TRUTH
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.command.wording import counted
@@ -88,6 +88,10 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
     if fault := first_fault(content, results_schema()):
         raise DatasetError(f"{path}: {fault}")
     head = content["suite"]
+    if suite is None and head["name"] not in packaged_suites():
+        raise DatasetError(
+            f"{path}: is of the suite {head['name']!r:.60}, which is not in the package; give --suite FILE"
+        )
     known = load_suite(suite or head["name"])
     if (known.name, known.sha256) != (head["name"], head["sha256"]):
         raise DatasetError(f"{path}: is of {head['name']} with another content than {known.name} here")

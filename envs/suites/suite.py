@@ -89,6 +89,11 @@ class Suite:
             )
 
 
+def packaged_suites() -> list[str]:
+    """Return the names of the suites in the package."""
+    return sorted(file.stem for file in FOLDER.glob("*-v*.json"))
+
+
 def load_suite(name: str) -> Suite:
     """Read a suite.
 
@@ -99,9 +104,10 @@ def load_suite(name: str) -> Suite:
         DatasetError: There is no such suite, or its file is none. One line that names the file and the field.
     """
     path = Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
-    if not name.endswith(".json") and not path.is_file():
-        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*-v*.json"))) or "none yet"
-        raise DatasetError(f"`suite` {name!r} is unknown; the package has {known}, or give the path of a JSON file")
+    if not name.endswith(".json") and name not in (names := packaged_suites()):
+        raise DatasetError(
+            f"`suite` {name!r} is unknown; the package has {', '.join(names)}, or give the path of a JSON file"
+        )
     try:
         stamp = path.stat().st_mtime_ns
     except OSError:

@@ -17,7 +17,7 @@ import tyro
 
 from marssim.base.calibration.calibration_files import calibration_texts
 from marssim.base.calibration.rig_file import RawRig, read_rig_file
-from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.base.camera import LONGEST_FOCAL, NATECAM, PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
 from marssim.base.command.limits import check_least
 from marssim.base.command.notes import print_note
@@ -172,9 +172,9 @@ class RigOptions:
     height: int = NATECAM.camera.height
     """Height of each image [px], above 0 and up to 65536."""
     focal: float = NATECAM.camera.fx
-    """Focal length [px], at least 1."""
+    """Focal length [px], 1 to 1e9."""
     focal_y: float | None = None
-    """Vertical focal length [px], at least 1, for pixels that are not square. By default it equals --rig.focal."""
+    """Vertical focal length [px], 1 to 1e9, for pixels that are not square. By default it equals --rig.focal."""
     baseline: float = NATECAM.baseline
     """Distance between the two cameras [m], above 0 and up to 10."""
     cx: float | None = None
@@ -192,6 +192,8 @@ class RigOptions:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise ValueError(f"{name} must be positive, got {value}")
+            if name.startswith("focal") and value is not None and value > LONGEST_FOCAL:
+                raise ValueError(f"{name} must be at most {LONGEST_FOCAL:g} px, got {value:g}")
         focal_y = self.focal if self.focal_y is None else self.focal_y
         cx = (self.width - 1) / 2 if self.cx is None else self.cx
         cy = (self.height - 1) / 2 if self.cy is None else self.cy

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, is_dataclass, replace
 from pathlib import Path
@@ -44,9 +45,11 @@ def load_place(name: str | Path) -> SceneConfig:
     if str(name) in PRESETS:
         return preset(str(name))
     path = Path(name)
-    if path.suffix != ".json" and not path.exists():
+    if path.suffix != ".json" and not os.path.exists(path):  # Path.exists raises for a name that is too long
         similar = did_you_mean(str(name), PRESETS)
-        raise ValueError(f"{FIELD} {name}: no preset ({', '.join(PRESETS)}) and no JSON file of a place{similar}")
+        raise ValueError(
+            f"{FIELD} {name!s:.100}: no preset ({', '.join(PRESETS)}) and no JSON file of a place{similar}"
+        )
     try:
         content = read_json(path)
     except ValueError as error:

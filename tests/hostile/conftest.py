@@ -10,7 +10,7 @@ from kills import undisturbed
 from oracle import COUNTS, SAME
 from processes import Server
 from small_runs import RUNS, make_inputs
-from tally import missing, table
+from tally import NEED_MOUNT, NO_MOUNT, missing, table
 
 KEY = "hostile cases"  # of the property of a report that holds its counts
 
@@ -56,6 +56,13 @@ def _counts(reporter) -> Counter:
     return counts
 
 
+def _untried(reporter, counts: Counter) -> list[str]:
+    """Return the kinds of attack that were skipped, since nothing may be mounted here."""
+    if not any(NO_MOUNT in str(report.longrepr) for report in reporter.stats.get("skipped", ())):
+        return []
+    return [kind for kind in NEED_MOUNT if not any(kind == tried for _, tried in counts)]
+
+
 def pytest_terminal_summary(terminalreporter):
     """Print the counts by what is attacked and kind of attack, and what a whole campaign lacks."""
     if SAME:
@@ -63,7 +70,10 @@ def pytest_terminal_summary(terminalreporter):
     counts = _counts(terminalreporter)
     terminalreporter.section("cases")
     terminalreporter.write_line(table(counts))
-    for lack in missing(counts) if _is_whole(terminalreporter.config) else ():
+    untried = _untried(terminalreporter, counts)
+    for kind in untried:
+        terminalreporter.write_line(f"not tried: {kind} ({NO_MOUNT})")
+    for lack in missing(counts, untried) if _is_whole(terminalreporter.config) else ():
         terminalreporter.write_line(f"too few: {lack}")
 
 
@@ -76,5 +86,8 @@ def _is_whole(config) -> bool:
 def pytest_sessionfinish(session, exitstatus):
     """Let a whole campaign fail that tried fewer cases than it promises."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if reporter is not None and exitstatus == 0 and _is_whole(session.config) and missing(_counts(reporter)):
+    if reporter is None or exitstatus != 0 or not _is_whole(session.config):
+        return
+    counts = _counts(reporter)
+    if missing(counts, _untried(reporter, counts)):
         session.exitstatus = 1

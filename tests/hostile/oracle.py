@@ -6,6 +6,7 @@ import faulthandler
 import os
 import random
 import signal
+import sys
 import tempfile
 import time
 import warnings
@@ -83,7 +84,7 @@ def in_time() -> Iterator[None]:
 
     before = signal.signal(signal.SIGALRM, too_long)
     signal.setitimer(signal.ITIMER_REAL, PATIENCE)
-    faulthandler.dump_traceback_later(HUNG, exit=True)
+    faulthandler.dump_traceback_later(HUNG, exit=True, file=sys.__stderr__ or 2)
     try:
         yield
     finally:

@@ -2,7 +2,8 @@
 
     python tests/hostile/planted.py [NAME ...]
 
-Prints a line for each defect, and exits with 1 if one is not found.
+The attacks must pass on the copy before the defect is in it. Prints a line for each defect, and exits with 1 if one is
+not found.
 """
 
 from __future__ import annotations
@@ -47,6 +48,25 @@ DEFECTS = {
     "a pickle": Defect(
         "test_file_formats.py -k checkpoint",
         (("m3depth/training/run.py", "device, weights_only=True", "device, weights_only=False"),),
+    ),
+    "a pickle in a policy": Defect(
+        "test_file_formats.py -k policy",
+        (("envs/drivers/policy_archive.py", "_location=\"cpu\", weights_only=True",
+          "_location=\"cpu\", weights_only=False"),),
+    ),
+    "a hang": Defect(
+        "test_file_formats.py -k poses",
+        (("m3depth/prediction/sources/poses.py", "        if len(values) not in (8, 12) or",
+          "        while len(values) not in (8, 12):\n            pass\n        if len(values) not in (8, 12) or"),),
+    ),
+    "a lock through a link": Defect(
+        "test_surroundings.py -k links",
+        ((BASE + "files/no_link.py", 'getattr(os, "O_NOFOLLOW", 0) | ', ""),),
+    ),
+    "a prediction that nobody checks": Defect(
+        "test_user_classes.py -k nonsense and m3depth.predict",
+        (("m3depth/estimator.py", '    caller = f"{type(estimator).__name__}.infer"\n    if not',
+          '    return result\n    caller = f"{type(estimator).__name__}.infer"\n    if not'),),
     ),
     "a removed lock": Defect(
         "test_two_writers.py",
@@ -93,21 +113,30 @@ DEFECTS = {
 
 
 def is_found(defect: Defect, folder: Path) -> tuple[bool, str]:
-    """Return whether the campaign finds a defect, and the last lines that it printed."""
+    """Return whether tests pass on a copy of the packages and fail once the defect is in it, and their last lines."""
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package, ignore=NOT_COPIED)
+    code, printed = _tested(defect.test, folder)
+    if code != 0:
+        return False, f"fails without the defect too:\n{printed}"
     for file, text, instead in defect.changes:
         source = (folder / file).read_text(encoding="utf-8")
         assert source.count(text) == 1, f"{file} holds {text!r} {source.count(text)} times"
         (folder / file).write_text(source.replace(text, instead), encoding="utf-8")
-    test, _, names = defect.test.partition(" -k ")
+    code, printed = _tested(defect.test, folder)
+    return code == 1 and "failed" in printed, printed
+
+
+def _tested(test: str, folder: Path) -> tuple[int, str]:
+    """Run tests on the packages in a folder; return the exit code and the last lines that they printed."""
+    test, _, names = test.partition(" -k ")
     command = [sys.executable, "-m", "pytest", str(ROOT / "tests/hostile" / test), "-x", "-p", "no:cacheprovider"]
-    variables = {"HOSTILE_CASES": CASES, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(folder), **os.environ}
+    variables = {"HOSTILE_CASES": CASES, "OMP_NUM_THREADS": "1", **os.environ}
     variables["PYTHONPATH"] = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         [*command, *(["-k", names] if names else [])], capture_output=True, text=True, env=variables, cwd=folder
     )
-    return done.returncode == 1 and "failed" in done.stdout, done.stdout[-2000:]
+    return done.returncode, done.stdout[-2000:]
 
 
 def main(names: Sequence[str]) -> int:
@@ -116,10 +145,10 @@ def main(names: Sequence[str]) -> int:
     for name in names or DEFECTS:
         began = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
-            found, printed = is_found(DEFECTS[name], Path(folder))
-        missed += not found
-        print(f"{'found ' if found else 'MISSED'}  {name}, {time.monotonic() - began:.0f} s", flush=True)
-        if not found:
+            is_caught, printed = is_found(DEFECTS[name], Path(folder))
+        missed += not is_caught
+        print(f"{'found ' if is_caught else 'MISSED'}  {name}, {time.monotonic() - began:.0f} s", flush=True)
+        if not is_caught:
             print(printed)
     return 1 if missed else 0
 

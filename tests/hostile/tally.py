@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from file_formats import FORMATS
 from oracle import CASES, IN_PROCESSES, SEED
 
 FLAGS, FILES = "flags", "file"  # the kinds of attack whose cases run in the process of the test
 KINDS = (  # whose cases are processes
-    "full disk", "file-size limit", "read-only folder", "closed stream", "locale", "no home", "removed folder",
+    "full disk",
+    "file-size limit",
+    "read-only folder",
+    "links",
+    "closed stream",
+    "locale",
+    "no home",
+    "removed folder",
     "two writers",
-)  # fmt: skip
+    "taken line",
+)
+NEED_MOUNT = ("full disk", "read-only folder")  # kinds that are skipped where this process may mount nothing
+NO_MOUNT = "may not mount a disk in memory here"  # why  # fmt: skip
 IN_TEST = ("user class",)  # kinds with as many cases, most of them in the process of the test
 Counts = Counter[tuple[str, str]]
 
@@ -35,12 +45,17 @@ def in_processes(counts: Counts) -> int:
     return sum(number for (_, kind), number in counts.items() if kind in KINDS or kind.startswith("kill"))
 
 
-def missing(counts: Counts) -> list[str]:
-    """Return what a campaign lacks of its cases."""
-    return list(_missing(counts))
+def missing(counts: Counts, untried: Collection[str] = ()) -> list[str]:
+    """Return what a campaign lacks of its cases.
+
+    Args:
+        counts: Its counts.
+        untried: Kinds of attack that cannot be tried here.
+    """
+    return list(_missing(counts, untried))
 
 
-def _missing(counts: Counts) -> Iterator[str]:
+def _missing(counts: Counts, untried: Collection[str]) -> Iterator[str]:
     wanted = 5000 * CASES // 300
     if counts.total() < wanted:
         yield f"{counts.total()} of {wanted} cases"
@@ -51,7 +66,7 @@ def _missing(counts: Counts) -> Iterator[str]:
             yield f"{counts[name, FILES]} of {CASES // 3} files of {name}"
     for kind in (*KINDS, *IN_TEST):
         number = sum(n for (_, k), n in counts.items() if k == kind)
-        if number < IN_PROCESSES:
+        if number < IN_PROCESSES and kind not in untried:
             yield f"{number} of {IN_PROCESSES} cases of {kind}"
     for command in {attacked for attacked, kind in counts if kind.startswith("kill")}:
         number = sum(n for (a, k), n in counts.items() if a == command and k.startswith("kill"))

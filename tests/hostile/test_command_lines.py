@@ -1,5 +1,7 @@
 """Random and hostile values of every flag of every command are taken, or refused in one line that names the flag."""
 
+import shutil
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from math import inf
 
@@ -7,13 +9,26 @@ import pytest
 from command_lines import CONFIGS, VALUES, config_of, flags_of, parser_of, with_values
 from hypothesis import given
 from hypothesis import strategies as st
-from oracle import count, judge, many
+from oracle import IN_PROCESSES, cases, count, judge, many, only_in_make_hostile, rng_of
+from small_runs import RUNS, left_over
 
 from marssim.base.command.limits import LARGEST
 from marssim.base.command.listing import COMMANDS
 
 EXTREME = st.sampled_from(("nan", "inf", "-inf", "1e300", "-1e300"))
 HOSTILE = EXTREME | st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
+SMALL = ("2", "3", "0.5", "0.01", "10", "25")  # values that many flags take
+TAKEN = {  # commands that are run with hostile flags, and flags whose large values rightly take long
+    "marssim.generate": ("--pairs", "--views-per-scene", "--rig.width", "--rig.height", "--size", "--horizon"),
+    "marssim.export": (), "m3depth.predict": (), "m3depth.evaluate": (), "m3depth.train": ("--max-steps",),
+}  # fmt: skip
+# refusals of the words at the start of a line as a whole
+NUMBER_OF_WORDS = (
+    "a value before all --flags",
+    "give a left and a right image",
+    "name a folder",
+    "two drives need --out",
+)
 
 
 def check_meant(config):
@@ -56,9 +71,31 @@ def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, t
     words = [word for _, drawn in values for word in drawn]
     names = [flag for flag, _ in flags if flag]
     if any(word.startswith("-") for word in words):  # may be taken for an option of its own
-        names.append("unknown option")
+        names += ["unknown option", "belongs to no option"]
     if "" in dict(flags):
-        names += [word for word in words if word] + CONFIGS[command][1][:1]
+        names += [*(word for word in words if word), CONFIGS[command][1][0], *NUMBER_OF_WORDS]
     judge(lambda: taken.append(parser_of(command)(with_values(command, values))), capsys, *names)
     for config in taken:
         check_meant(config)
+
+
+@only_in_make_hostile
+def test_a_command_line_that_is_taken_is_done_or_refused_in_one_line(server, inputs, tmp_path):
+    """What is wrong with a value may show only when the work has begun."""
+    rng = rng_of("taken lines")
+    for number in cases(0.3, 4 * IN_PROCESSES):
+        command = rng.choice(list(TAKEN))
+        run, out = RUNS[command], tmp_path / str(number)
+        flags = [flag for flag in flags_of(config_of(command)) if flag[0] not in ("", "--out", *TAKEN[command])]
+        line, names = run.line(out, inputs), [str(out), *map(str, inputs.values())]
+        for flag, width in rng.sample(flags, 2):
+            words = [rng.choice((*VALUES, *SMALL)) for _ in range(rng.randint(1, 3) if width < 0 else width)]
+            line += [flag, *words]
+            names += [flag, *(f"{word}:" for word in words)]
+        with suppress(ValueError):
+            parser_of(command)(line)
+            ended = server.run(run.entry, line)
+            ended.check(*names)
+            count(command, "taken line")
+            assert not left_over(out), line
+        shutil.rmtree(out, ignore_errors=True)

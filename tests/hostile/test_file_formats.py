@@ -1,8 +1,10 @@
 """Damaged and forged files of every format are read, or refused in one line that names the file."""
 
+import io
 import pickle
 import random
 import re
+import zipfile
 import zlib
 from collections.abc import Iterator
 
@@ -19,6 +21,7 @@ TOKENS = (
     b"NaN", b"1e999", b"-1", b"0", b"0.5", b"9" * 400, b'""', b"null", b"[]", b"{}", b'"x"', b"[" * 100_000, b"true",
     b"\xff", b"1e300", CODE,
 )  # fmt: skip
+ARCHIVE = b"PK\3\4"  # begins a zip archive
 MOST_VALUES = 60  # of a text that are replaced, each by each of TOKENS
 
 
@@ -34,10 +37,23 @@ def with_right_checksums(data: bytes) -> bytes:
     return bytes(fixed)
 
 
+def with_harm_in(data: bytes, draw: st.DrawFn) -> bytes:
+    """Return a zip archive in which one file is a pickle that runs code."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as archive, zipfile.ZipFile(out, "w") as forged:
+        harmed = draw(st.sampled_from(archive.namelist()))
+        for name in archive.namelist():
+            content = pickle.dumps(Harm(HARMED), protocol=2) if name == harmed else archive.read(name)
+            forged.writestr(name, content)
+    return out.getvalue()
+
+
 @st.composite
 def mutations(draw, data: bytes) -> bytes:
     """Draw a file that differs from `data` in one place: bytes, a block, its end, or a value in a text."""
     kind = draw(st.sampled_from(("value", "byte", "end", "gap", "twice", "more", "zeros", "inside", "pickle")))
+    if kind == "pickle" and data.startswith(ARCHIVE) and draw(st.booleans()):
+        return with_harm_in(data, draw)
     if kind == "pickle":
         return pickle.dumps(Harm(HARMED), protocol=2)
     at = draw(st.integers(0, len(data) - 1))

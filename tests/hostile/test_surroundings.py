@@ -10,9 +10,11 @@ from oracle import cases, count, only_in_make_hostile, rng_of
 from processes import fresh
 from small_runs import RUNS, SHORT, differing, left_over, results
 from surroundings import PAGE, STARTS, make_read_only, small_disk
+from tally import NO_MOUNT
 
 pytestmark = only_in_make_hostile
 MESSAGE = 2000  # [bytes] for stderr, which is a file too
+LINKED = ("log.jsonl", "results.json", "weights.safetensors", "checkpoint.pt", ".results.json.1.part")
 ON_DISKS = (*SHORT, "m3depth.train", "envs.evaluate", "m3depth.evaluate")  # those of SHORT come more often
 
 
@@ -40,7 +42,7 @@ def test_a_full_disk_is_one_line_and_costs_no_result(server, inputs, whole, rng,
         pages = 1 + round(1.2 * rng.random() * whole(command).total / PAGE)
         with small_disk(disk, pages) as mounted:
             if not mounted:
-                pytest.skip("may not mount a disk in memory here")
+                pytest.skip(NO_MOUNT)
             ended = server.run(run.entry, run.line(disk / "out", inputs))
             ended.check(str(disk), "disk")
             out = tmp_path / "out"
@@ -73,13 +75,39 @@ def test_a_read_only_folder_is_one_line(server, inputs, rng, tmp_path):
             if mounted:
                 make_read_only(disk)
             elif os.geteuid() == 0:
-                pytest.skip("permissions do not bind root, who may mount nothing here")
+                pytest.skip(f"{NO_MOUNT}, and permissions do not bind root")
             else:
                 disk.chmod(0o555)
             ended = server.run(run.entry, run.line(out, inputs))
         ended.check("--out")
         assert ended.code == 2
         count(command, "read-only folder")
+
+
+def test_nothing_is_written_through_links_in_the_folder(server, inputs, whole, rng, tmp_path):
+    """As in a folder of a stranger, whose files may be links to those of the user."""
+    for number in cases(0.12):
+        command, out, others = draw(rng), tmp_path / str(number), tmp_path / "others"
+        run = RUNS[command]
+        if rng.random() < 0.7:
+            server.run(run.entry, run.line(out, inputs)).check()
+        out.mkdir(exist_ok=True)
+        others.mkdir()
+        files = sorted(path for path in out.rglob("*") if path.is_file())
+        linked = [*rng.sample(files, min(2, len(files))), out / ".lock", out / rng.choice(LINKED)]
+        if files:
+            rng.choice(files).unlink()  # so that there is something to do
+        for n, path in enumerate(dict.fromkeys(linked)):
+            other = others / str(n)
+            other.write_bytes(path.read_bytes() if path.exists() else b"not to be lost")
+            path.unlink(missing_ok=True)
+            path.symlink_to(other)
+        before = {path: path.read_bytes() for path in others.iterdir()}
+        server.run(run.entry, run.line(out, inputs)).check(str(out), "--out")
+        assert before == {path: path.read_bytes() for path in others.iterdir()}, (command, linked)
+        count(command, "links")
+        shutil.rmtree(others)
+        shutil.rmtree(out)
 
 
 @pytest.mark.parametrize("kind", STARTS)

@@ -71,6 +71,8 @@ def flags_of(config: type, prefix: str = "--") -> Iterator[tuple[str, int]]:
     """
     for name, hint in get_type_hints(config, include_extras=True).items():
         extras = getattr(hint, "__metadata__", ())
+        if tyro.conf.Suppress in extras:
+            continue
         if get_origin(hint) is Annotated:
             hint = get_args(hint)[0]
         flag = "" if tyro.conf.Positional in extras else prefix + name.replace("_", "-")

@@ -13,7 +13,7 @@ import torch
 from small_network import SMALL
 
 TIMES = {"seconds", "minutes", "step_seconds", "perception_seconds", "loader_share", "memory_mib"}  # keys of costs
-LOGS = ("log.jsonl",)  # grow line by line: after a kill, lines may come twice
+LOG = "log.jsonl"  # of a training; that of envs.train_ppo depends on the clock
 TEXTS = {".md": "\n", ".html": "</html>\n"}  # have times among their words; how they end
 LEFT_OVER = ("*.part", "*.partial", ".lock", "unfinished.npz")  # what no run that is done may leave
 
@@ -91,24 +91,28 @@ def left_over(out: Path) -> list[Path]:
 def results(run: SmallRun, out: Path) -> dict[str, Any]:
     """Return the content of each file of results, without times, by its path in the folder."""
     drawn = {path for pattern in run.drawn for path in out.rglob(pattern)}
-    found: dict[str, Any] = {}
+    contents: dict[str, Any] = {}
     for path in sorted(path for path in out.rglob("*") if path.is_file()):
         name = str(path.relative_to(out))
         if "tfevents" in name:  # a file for each start
             continue
         if path in drawn:
-            found[name] = _opens(path)
+            contents[name] = _opens(path)
         elif path.suffix in TEXTS:
-            found[name] = path.read_text(encoding="utf-8").endswith(TEXTS[path.suffix])
-        elif path.name in LOGS:
-            found[name] = None
+            contents[name] = path.read_text(encoding="utf-8").endswith(TEXTS[path.suffix])
+        elif path.name == LOG:
+            contents[name] = [
+                without_times(record, str(out))
+                for record in map(json.loads, path.read_text().splitlines())
+                if record.get("kind") in ("train", "val", "val_raw")
+            ]
         elif path.suffix == ".json":
-            found[name] = without_times(json.loads(path.read_text()), str(out))
+            contents[name] = without_times(json.loads(path.read_text()), str(out))
         elif path.suffix == ".pt":
-            found[name] = without_times(torch.load(path, weights_only=True), str(out))
+            contents[name] = without_times(torch.load(path, weights_only=True), str(out))
         else:
-            found[name] = path.read_bytes()
-    return found
+            contents[name] = path.read_bytes()
+    return contents
 
 
 def without_times(value: Any, out: str) -> Any:
