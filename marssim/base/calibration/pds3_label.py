@@ -16,11 +16,20 @@ from marssim.base.calibration import fields as of
 from marssim.base.calibration.bounded_text import MOST_BYTES
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import Cahvore, linearity_of
-from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_counter, parse_time
+from marssim.base.calibration.product_label import (
+    ProductLabel,
+    eye_of,
+    parse_counter,
+    parse_time,
+    pixel_constants,
+    sample_type,
+)  # fmt: skip
 from marssim.base.command.input_file import check_file
 
 MODEL = "GEOMETRIC_CAMERA_MODEL"
 MODELS = ("CAHV", "CAHVOR", "CAHVORE")
+KINDS = {"REAL": "f", "UNSIGNED": "u", "INTEGER": "i"}  # of numpy, by a word in SAMPLE_TYPE, of which the first counts
+SIZES = {"8": 1, "16": 2, "32": 4, "64": 8}  # [bytes] by SAMPLE_BITS
 _VALUE = r'"[^"]*"|\((?:[^()"]|"[^"]*"|\((?:[^()"]|"[^"]*")*\))*\)|\{[^{}]*\}|[^\r\n]*'
 _STATEMENT = re.compile(rf"^[ \t]*(\^?[A-Za-z][\w:]*)[ \t]*(?:=\s*({_VALUE}))?[ \t]*\r?$", re.MULTILINE)
 _VICAR = re.compile(r"([A-Za-z]\w*)\s*=\s*('(?:[^']|'')*'|\([^)]*\)|[^\s']+)")
@@ -156,7 +165,7 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
     size = of.size(image, sides=[("LINE_SAMPLES", "LINES")])
     model = label.get(MODEL)
     counter = label.get("ROVER_MOTION_COUNTER", [])
-    missing = [image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image]
+    constants = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
     mask = re.search(r"2#([01]+)#", str(image.get("SAMPLE_BIT_MASK", "")))
     return ProductLabel(
         camera=_camera(model, size) if isinstance(model, dict) else None,
@@ -164,10 +173,17 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
         start=parse_time(label.get("START_TIME") or label.get("IMAGE_TIME")),
         eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),
         motion=parse_counter(counter),
-        missing=tuple(sorted({float(x) for x in of.numbers(missing, "MISSING_CONSTANT").ravel()})),
+        missing=pixel_constants(constants, _sample_type(image)),
         bits=mask[1].count("1") if mask else None,
         file_bytes=label.get("file_bytes") or (_file_bytes(label, image) if attached else None),
     )
+
+
+def _sample_type(image: dict[str, Any]) -> np.dtype | None:
+    """Return the type of a pixel, most significant byte first; None if the label does not say it."""
+    name, size = str(image.get("SAMPLE_TYPE", "")).upper(), SIZES.get(str(image.get("SAMPLE_BITS", "")))
+    kind = next((code for word, code in KINDS.items() if word in name and "VAX" not in name), None)
+    return sample_type(kind, size)
 
 
 def _file_bytes(label: dict[str, Any], image: dict[str, Any]) -> int | None:
