@@ -131,13 +131,12 @@ class Inputs:
         for pair in self.pairs:
             if isinstance(pair.calibration, FileRig):
                 others.append(pair.calibration.file)
-            if (images := self.files(pair)) is not None:
-                beside = (images[0].with_name(RIG), *map(valid_mask, images))
-                others += [path for path in beside if path.is_file()]
+            beside = (pair.given[0].with_name(RIG), *map(valid_mask, self.files(pair) or ()))
+            others += [path for path in beside if path.is_file()]
         return {
             **state,
             "images": state_of_files(files if self.recording is None else self.recording.paths),
-            "calibration, masks and poses": state_of_files(others),
+            "calibration, masks and poses": state_of_files(dict.fromkeys(others)),
         }
 
 
