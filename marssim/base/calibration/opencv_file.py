@@ -28,6 +28,11 @@ NAMES = {
     "R": ("R", "rotation", "rotation_matrix"),
     "T": ("T", "translation", "translation_vector", "t"),
 }
+# names of a distortion_model that are accepted
+PINHOLES = (
+    "radtan", "plumb_bob", "rational_polynomial", "pinhole", "radial-tangential", "radial_tangential", "brown-conrady",
+    "brown_conrady", "none",
+)  # fmt: skip
 FISHEYES = ("fisheye", "equidistant", "kannala-brandt", "kannala_brandt")
 SIZES = ("imageSize", "image_size", "img_size", "size", "resolution")
 SIDES = (("image_width", "image_height"), ("width", "height"), ("image_Width", "image_Height"))
@@ -58,9 +63,14 @@ def pair_of_opencv(fields: Mapping[str, Any], fisheye: bool = False) -> PosedPai
         fisheye: Take four coefficients for those of cv2.fisheye, even if the file does not say so.
 
     Raises:
-        ValueError: A field is missing or malformed.
+        ValueError: A field is missing or malformed, or the distortion_model is not supported.
     """
-    kind = str(fields.get(of.first_of(fields, ("distortion_model", "model", "lens")) or "", "")).lower()
+    named = str(fields.get("distortion_model") or "").lower()
+    if named and named not in (*PINHOLES, *FISHEYES):
+        raise ValueError(
+            f"distortion_model {named} is not supported; radtan, plumb_bob, rational_polynomial and fisheye are"
+        )
+    kind = named or str(fields.get(of.first_of(fields, ("model", "lens")) or "", "")).lower()
     fisheye = fisheye or kind in FISHEYES or str(fields.get("fisheye", "0")).lower() in ("1", "true")
     size = of.size(fields, SIZES, SIDES)
     lenses = [_lens(fields, NAMES[f"K{eye}"], NAMES[f"D{eye}"], fisheye) for eye in (1, 2)]

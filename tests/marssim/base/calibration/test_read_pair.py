@@ -284,6 +284,7 @@ YAML = opencv_text(pair())
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        (YAML.replace("radtan", "omnidir"), "distortion_model omnidir is not supported; radtan, plumb_bob"),
         (YAML.replace("rows: 3\n   cols: 3", "rows: 2\n   cols: 3", 1), "field K1 must have 2 x 3 numbers, has 9"),
         (YAML.replace("505.0", ".nan"), "field K1 has a value that is no finite number"),
         (YAML.replace("505.0", "wide"), "field K1 must hold numbers only"),
