@@ -136,6 +136,56 @@ def test_a_camera_that_changes_counts_from_its_stamp_on(make):
     assert pairs.rate == 2.0 and [pairs.stamp(n) for n in range(4)] == STAMPS
 
 
+def region(message):
+    message.roi.x_offset, message.roi.y_offset, message.roi.width, message.roi.height = 10, 4, 80, 40
+
+
+def binning(message):
+    message.binning_x = 2
+
+
+def size(message):
+    message.height -= 10
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [(region, ((80, 40), 100.0, 37.5)), (binning, ((48, 64), 50.0, 23.5)), (size, ((96, 54), 100.0, 47.5))],
+)
+def test_a_region_or_binning_that_changes_alone_counts_too(make, change, expected):
+    def edit(message):
+        if message.header.stamp.sec >= 2:
+            change(message)
+        return message
+
+    pairs = BagPairs(make(only("camera_info", edit), count=4))
+    before, after = (pairs.calibration(n)(0, 0) for n in (0, 3))
+    assert (before.size, before.fx, before.cx) == ((96, 64), 100.0, 47.5)
+    assert (after.size, after.fx, after.cx) == expected
+
+
+def test_a_distortion_model_that_changes_alone_counts_too(make):
+    def edit(message):
+        message.d = np.array([0.01, 0.0, 0.0, 0.0])
+        if message.header.stamp.sec >= 2:
+            message.distortion_model = "equidistant"
+        return message
+
+    pairs = BagPairs(make(only("camera_info", edit), count=2), rectify="always")
+    lenses = [type(pairs._eyes[0][n].raw._camera.lens).__name__ for n in range(len(pairs._eyes[0]))]
+    assert lenses == ["RadialTangential", "Fisheye"]
+
+
+def test_a_right_camera_that_changes_alone_counts_from_its_stamp_on(make):
+    def edit(message):
+        if message.header.stamp.sec >= 2:
+            message.p[3] *= 2
+        return message
+
+    pairs = BagPairs(make(only("right/camera_info", edit), count=4))
+    assert [pairs.calibration(n)(96, 64).baseline for n in range(4)] == pytest.approx([0.27, 0.54, 0.54, 0.54])
+
+
 def test_a_calibration_file_replaces_camera_info(make, tmp_path):
     bag = make(only("camera_info", lambda m: None))
     file = tmp_path / "calib.txt"
