@@ -156,6 +156,8 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError("--every is for videos and bags: it takes every n-th pair")
     if options.camera_info and not isinstance(inputs.recording, BagPairs):
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
+    if isinstance(inputs.recording, BagPairs) and options.poses is not None:
+        _check_poses_of_bag(options)
     if not inputs.pairs:
         raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:
@@ -179,6 +181,15 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
     files = (*options.calib, *options.mask, *([] if options.poses is None else [options.poses]))
     return replace(inputs, flag_files=files)
+
+
+def _check_poses_of_bag(options: PredictOptions) -> None:
+    """Raise ValueError for clouds in the world of --poses in a bag, whose frames do not hold it."""
+    if options.cloud_frame == "world" and {"bag", "cloud"} <= set(options.write):
+        raise ValueError(
+            f"--cloud-frame world: the clouds would be in the world of {options.poses}, which is no frame of the bag; "
+            "leave bag out of --write, or --poses"
+        )
 
 
 def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:

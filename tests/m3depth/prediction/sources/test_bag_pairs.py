@@ -222,6 +222,19 @@ def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsy
     assert "2 of 3 pairs; 1 skipped" in printed.out
 
 
+def test_clouds_in_the_world_of_a_file_of_poses_do_not_come_into_a_bag_without_it(make, tmp_path, capsys):
+    bag = make()
+    (tmp_path / "poses.txt").write_text(2 * "1 0 0 9 0 1 0 9 0 0 1 9\n")
+    flags = "--poses", str(tmp_path / "poses.txt"), "--cloud-frame", "world"
+    out = ["--out", str(tmp_path / "out"), "--method", "sgbm"]
+    assert main([str(bag), *out, *flags]) == 2
+    error = capsys.readouterr().err
+    assert f"world of {tmp_path}/poses.txt, which is no frame of the bag; leave bag out of --write" in error
+    assert not (tmp_path / "out").exists()
+    assert main([str(bag), *out, *flags, "--write", "depth", "cloud"]) == 0
+    assert (tmp_path / "out/fused_cloud.ply").is_file() and not (tmp_path / "out/bag").exists()
+
+
 def test_without_frames_there_are_no_poses(make):
     pairs = BagPairs(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
     assert pairs.world is None and pairs.pose(0) is None and pairs.on_rover(0) is None
