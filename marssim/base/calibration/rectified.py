@@ -118,7 +118,8 @@ def _from_json(text: str) -> Calibration | None:
     if not text.lstrip().startswith("{"):
         return None
     data = parse_json(text)
-    if not ("rig" in data or "baseline" in data):
+    of_opencv = is_opencv(data) or {"P1", "P2"} <= data.keys() or "Q" in data
+    if of_opencv or not ("rig" in data or "baseline" in data):
         return None
     rig = StereoRig.from_dict(data.get("rig", data))
     c = rig.camera
