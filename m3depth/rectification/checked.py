@@ -12,12 +12,11 @@ from m3depth.rectification.files import make_report, write_pair
 from m3depth.rectification.options import RectifyOptions
 from m3depth.rectification.pair import RectifiedPair, fitting, rectify_pair
 from m3depth.rectification.raw_image import RawImage, masked
+from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
 from marssim.base.calibration.read_pair import labelled_pair, read_pair
 
-WRONG_ROWS = 2.5  # [px] from which on a pair of 1024 px width is not rectified
-FULL_WIDTH = 1024
 FEW = 100  # matches under which the rows are hardly judged
 IN_ROWS = 0.5  # [px] by which the rows of rectified images may lie apart
 LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther apart than before show a mistake
@@ -150,7 +149,7 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
     if np.median(matches.disparity + shift) < 0:
         beyond = "" if pair.view is not None else ", or the cameras are turned towards each other"
         findings.append((True, f"{names} match the wrong way round: exchange left and right{beyond}"))
-    if matches.after.median > WRONG_ROWS * max(1.0, pair.left_valid.shape[1] / FULL_WIDTH):
+    if matches.after.median > row_limit(WRONG_ROWS, pair.left_valid.shape[1]):
         apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
         question = "is the calibration that of these images, and the left image the first one?"
         findings.append((True, f"{apart}: {question} --align fits the rows to matches"))
