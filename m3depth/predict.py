@@ -87,6 +87,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
 
     Raises:
         FileNotFoundError: A file is missing; nothing was written.
+        ImportError: An extra is missing: `real` for a product or a bag, or that of the method or of --view.
         ValueError: A flag or the pair cannot be used; nothing was written.
     """
     if options.view:

@@ -58,7 +58,8 @@ class BagPairs:
         infos: Topics of their CameraInfo; None for those beside the images.
         tolerance: Largest difference of two stamps of a pair [s].
         needs_infos: Whether the bag must have a CameraInfo of both eyes.
-        rectify: Whether raw images are rectified: auto does so unless the name of their topic says that they are not.
+        rectify: Whether images whose CameraInfo has a distortion or a rotation are rectified: auto does so where the
+            name of the topic does not say that they are rectified, always whatever it says.
         masks: Masks of the left images, or of both eyes, as they are in the bag; images that are rectified here take
             them with them.
 

@@ -146,6 +146,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
     Raises:
         DatasetError: A source holds no pairs, or an image lacks its partner; the message names it.
         FileNotFoundError: A file is missing.
+        ImportError: A bag, and `rosbags` is not installed.
         ValueError: A source cannot be used, or the poses are not as many as the pairs.
     """
     for mask in options.mask:

@@ -59,7 +59,7 @@ def parse_yaml(text: str) -> dict[str, Any]:
     """Parse YAML, also OpenCV's, whose header is not YAML's.
 
     Raises:
-        ValueError: The text is no mapping in YAML, has anchors, or is nested too deeply.
+        ValueError: The text is no mapping in YAML, has aliases, or is nested too deeply.
     """
     text = re.sub(r"\A%YAML[^\n]*\n", "", text)
     level = 0

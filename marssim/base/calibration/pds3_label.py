@@ -209,7 +209,7 @@ def _camera(model: dict[str, Any], size: tuple[int, int] | None) -> PosedCamera:
         linearity = 1.0
         if kind == "CAHVORE":
             type_, parameter = (float(of.matrix(model, f"MODEL_COMPONENT_{n}", (1,))[0]) for n in (8, 9))
-            linearity = linearity_of(int(type_) if type_ % 1 == 0 else 0, parameter)
+            linearity = linearity_of(type_, parameter)
         zero = (0.0, 0.0, 0.0)
         r, e = (tuple(float(x) for x in vectors.get(name, zero)) for name in "RE")
         frame = f"{model.get('REFERENCE_COORD_SYSTEM_NAME', '')} {_index(model)}".strip()

@@ -94,7 +94,7 @@ def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
         e = _terms(model, "Entrance_Terms")
         values = {name: model.findtext(f"cahvore_model_{name}") or "0" for name in ("type", "parameter")}
         type_, parameter = (float(of.matrix(values, name, (1,))[0]) for name in ("type", "parameter"))
-        linearity = linearity_of(int(type_) if type_ % 1 == 0 else 0, parameter)
+        linearity = linearity_of(type_, parameter)
     space = parameters.find(".//Coordinate_Space_Indexed")
     frame = ""
     if space is not None:

@@ -342,6 +342,7 @@ def test_a_large_or_binary_file_is_refused(tmp_path):
             "COMPONENT_3 must be 3, is 2",
         ),
         (lambda text: re.sub(r"MODEL_COMPONENT_8 = .*", "MODEL_COMPONENT_8 = 7.0", text), "type .* must be 1, 2 or 3"),
+        (lambda text: re.sub(r"MODEL_COMPONENT_8 = .*", "MODEL_COMPONENT_8 = 1.5", text), "1, 2 or 3, is 1.5"),
         (lambda text: text.replace("END\r\n", ""), "label without an end: is the file truncated"),
         (lambda text: text.replace("GEOMETRIC_CAMERA_MODEL", "OTHER"), "has no label with a camera model"),
         (lambda text: text.replace('"ROVER"', '"SITE"'), "different frames, ROVER and SITE"),
