@@ -36,8 +36,8 @@ def matched_shares(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple
     small = rig.resized(round(rig.camera.width * scale), max(1, round(rig.camera.height * scale)))
     size = (small.camera.width, small.camera.height)
     a, b = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
-    given, exchanged = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
-    return given, exchanged
+    given, swapped = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
+    return given, swapped
 
 
 def exchanged(shares: tuple[float, float]) -> bool:

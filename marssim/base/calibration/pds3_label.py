@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import MOST_BYTES
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import Cahvore, linearity_of
@@ -162,7 +162,7 @@ def _plain(value: str) -> Any:
 def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
     image = label.get("IMAGE") if isinstance(label.get("IMAGE"), dict) else {}
     assert isinstance(image, dict)
-    size = of.size(image, sides=[("LINE_SAMPLES", "LINES")])
+    size = fields.size(image, sides=[("LINE_SAMPLES", "LINES")])
     model = label.get(MODEL)
     counter = label.get("ROVER_MOTION_COUNTER", [])
     constants = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
@@ -205,10 +205,10 @@ def _camera(model: dict[str, Any], size: tuple[int, int] | None) -> PosedCamera:
         raise ValueError(f"{MODEL}: MODEL_TYPE {kind} is not supported; {', '.join(MODELS)} are")
     components = {name: f"MODEL_COMPONENT_{number}" for number, name in enumerate(str(kind), 1)}
     try:
-        vectors = {name: of.matrix(model, field, (3,)) for name, field in components.items()}
+        vectors = {name: fields.matrix(model, field, (3,)) for name, field in components.items()}
         linearity = 1.0
         if kind == "CAHVORE":
-            type_, parameter = (float(of.matrix(model, f"MODEL_COMPONENT_{n}", (1,))[0]) for n in (8, 9))
+            type_, parameter = (float(fields.matrix(model, f"MODEL_COMPONENT_{n}", (1,))[0]) for n in (8, 9))
             linearity = linearity_of(type_, parameter)
         zero = (0.0, 0.0, 0.0)
         r, e = (tuple(float(x) for x in vectors.get(name, zero)) for name in "RE")

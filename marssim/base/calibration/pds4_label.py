@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import parse_xml, read_text
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import linearity_of
@@ -71,7 +71,7 @@ def _size(root: Element) -> tuple[int, int] | None:
     """Return width and height of the first image; None if the label does not say."""
     for image in (node for kind in ("Array_2D_Image", "Array_3D_Image") for node in root.iter(kind)):
         axes = {str(axis.findtext("axis_name")): axis.findtext("elements") for axis in image.iter("Axis_Array")}
-        return of.size(axes, sides=[("Sample", "Line")])
+        return fields.size(axes, sides=[("Sample", "Line")])
     return None
 
 
@@ -93,7 +93,7 @@ def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
     if kind == "CAHVORE":
         e = _terms(model, "Entrance_Terms")
         values = {name: model.findtext(f"cahvore_model_{name}") or "0" for name in ("type", "parameter")}
-        type_, parameter = (float(of.matrix(values, name, (1,))[0]) for name in ("type", "parameter"))
+        type_, parameter = (float(fields.matrix(values, name, (1,))[0]) for name in ("type", "parameter"))
         linearity = linearity_of(type_, parameter)
     space = parameters.find(".//Coordinate_Space_Indexed")
     frame = ""
@@ -106,7 +106,7 @@ def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
 def _vector(model: Element, name: str) -> np.ndarray:
     """Return a vector; a position in metres, whatever its unit in the label."""
     nodes = [model.find(f"{name}/{axis}_{VECTORS[name]}") for axis in "xyz"]
-    vector = of.matrix({name: [None if node is None else node.text for node in nodes]}, name, (3,))
+    vector = fields.matrix({name: [None if node is None else node.text for node in nodes]}, name, (3,))
     if VECTORS[name] != "position":
         return vector
     units = [node.get("unit", "m") for node in nodes if node is not None]
@@ -117,5 +117,5 @@ def _vector(model: Element, name: str) -> np.ndarray:
 
 def _terms(model: Element, name: str) -> tuple[float, float, float]:
     values = {name: [model.findtext(f"{name}/c{i}") for i in range(3)]}
-    a, b, c = (float(x) for x in of.matrix(values, name, (3,)))
+    a, b, c = (float(x) for x in fields.matrix(values, name, (3,)))
     return a, b, c
