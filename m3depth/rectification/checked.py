@@ -15,7 +15,7 @@ from m3depth.rectification.raw_image import RawImage, masked
 from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
-from marssim.base.calibration.read_pair import labelled_pair, read_pair
+from marssim.base.calibration.read_pair import labelled_pair, read_raw_calibration
 
 FEW = 100  # matches under which the rows are hardly judged
 IN_ROWS = 0.5  # [px] by which the rows of rectified images may lie apart
@@ -93,7 +93,7 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
     """
     if options.calib:
         name = " and ".join(map(str, options.calib))
-        cameras = read_pair(options.calib, options.raw.fisheye)
+        cameras = read_raw_calibration(options.calib, options.raw.fisheye)
     elif left.label is not None and left.label.camera is not None:
         name = "the labels of the images"
         cameras = labelled_pair((left.label, right.label), (left.path, right.path))

@@ -11,7 +11,7 @@ from m3depth.datasets.image_files import read_image, read_scene_mask
 from m3depth.rectification.product_names import is_product, label_beside
 from m3depth.rectification.products import read_product
 from m3depth.stereo.pairs import in_colour, in_grey
-from marssim.base.calibration.product_label import ProductLabel, check_pair
+from marssim.base.calibration.product_label import ProductLabel, check_labels
 from marssim.base.calibration.read_pair import read_label
 from marssim.base.command.input_file import check_file
 
@@ -57,7 +57,7 @@ def read_raw_pair(left: Path, right: Path, check: bool = True) -> tuple[RawImage
         check_file(path, "image")
     labels = read_label(left), read_label(right)
     if check and labels[0] is not None and labels[1] is not None:
-        check_pair(labels[0], labels[1], (left, right))
+        check_labels(labels[0], labels[1], (left, right))
     a, b = (_read(path, label) for path, label in zip((left, right), labels))
     if a.pixels.dtype != b.pixels.dtype:
         raise ValueError(

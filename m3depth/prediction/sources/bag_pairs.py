@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.datasets.image_files import as_pair
-from m3depth.datasets.pair_files import Rig
+from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.prediction.masks import read_valid
 from m3depth.prediction.options import Rectify
 from m3depth.prediction.sources.raw_eye import RawEye
@@ -141,7 +141,7 @@ class BagPairs:
                 raise DatasetError(f"{where}: {error}") from None
         return as_pair(images[0][0], images[1][0], images[0][1], images[1][1])
 
-    def calibration(self, number: int) -> Rig:
+    def calibration(self, number: int) -> CalibrationReader:
         """Return what gives the calibration of a pair: by the last CameraInfo of each eye before it, or the first."""
         calibration = self._of_pairs[number]
         return lambda width, height: calibration

@@ -19,12 +19,12 @@ from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
-from m3depth.prediction.sources.calibration import RIG
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.prediction.sources.poses import read_poses, rover_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
+from m3depth.rectification.files import RIG_FILE
 from m3depth.rectification.product_names import is_product, right_of
 from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
@@ -131,7 +131,7 @@ class Inputs:
         for pair in self.pairs:
             if isinstance(pair.calibration, FileRig):
                 others.append(pair.calibration.file)
-            beside = (pair.given[0].with_name(RIG), *map(valid_mask, self.files(pair) or ()))
+            beside = (pair.given[0].with_name(RIG_FILE), *map(valid_mask, self.files(pair) or ()))
             others += [path for path in beside if path.is_file()]
         return {
             **state,
@@ -229,7 +229,7 @@ def _find(options: PredictOptions) -> Inputs:
         return Inputs(tuple(_numbered(_listed(source))))
     if (source / "left.png").is_file() and (source / "right.png").is_file():
         return Inputs((PairInput("", source / "left.png", source / "right.png"),), single=True)
-    if options.format == "auto" and any(source.glob("*/rig.json")) and any(source.glob("*/left.png")):
+    if options.format == "auto" and any(source.glob(f"*/{RIG_FILE}")) and any(source.glob("*/left.png")):
         pairs = (PairInput(a.parent.name, a, b) for a, b in partners(source, ("*/left.png", "*/right.png")))
         return Inputs(tuple(_numbered(pairs)))
     if options.format == "auto" and (products := find_products(source)):

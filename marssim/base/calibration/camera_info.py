@@ -67,7 +67,7 @@ def parse_camera_info(text: str) -> CameraInfo:
     return CameraInfo(projection, _size(text))
 
 
-def raw_camera(text: str) -> PosedCamera:
+def parse_raw_camera(text: str) -> PosedCamera:
     """Read the camera of a CameraInfo as it was built, in the frame of the rectified left camera.
 
     Raises:

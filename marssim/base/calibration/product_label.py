@@ -48,7 +48,7 @@ class ProductLabel:
     file_bytes: int | None = None
 
 
-def check_pair(left: ProductLabel, right: ProductLabel, names: tuple[Path, Path]) -> None:
+def check_labels(left: ProductLabel, right: ProductLabel, names: tuple[Path, Path]) -> None:
     """Check that two labels are those of one pair.
 
     Args:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from marssim.base.calibration.bounded_text import parse_yaml, read_text
-from marssim.base.calibration.camera_info import is_camera_info, raw_camera
+from marssim.base.calibration.camera_info import is_camera_info, parse_raw_camera
 from marssim.base.calibration.cameras import PosedCamera, PosedPair, first_camera
 from marssim.base.calibration.kalibr import is_kalibr, pair_of_kalibr
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
@@ -29,7 +29,7 @@ from marssim.base.command.input_file import check_file
 HEAD = 200_000  # bytes of a file that tell its kind
 
 
-def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
+def read_raw_calibration(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
     """Read the calibration of a pair.
 
     Args:
@@ -52,7 +52,7 @@ def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
     if all(is_camera_info(text) and "camera_model" not in text for text in texts):
         if len(paths) == 1:
             raise ValueError(f"{paths[0]}: is the CameraInfo of one camera; give those of the left and the right one")
-        cameras = [_named(path, raw_camera, text) for path, text in zip(paths, texts)]
+        cameras = [_named(path, parse_raw_camera, text) for path, text in zip(paths, texts)]
         return _named(name, PosedPair, *cameras)
     fields: dict = {}
     for path, text in zip(paths, texts):

@@ -29,15 +29,15 @@ from marssim.base.calibration.lenses.lens import Lens
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import is_opencv, lens_of, rodrigues
 from marssim.base.calibration.orientation import RectifiedView, rectified_view
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import read_raw_calibration
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.files.json_file import DatasetError, read_json
 
-RIG = tuple(NATECAM.to_dict())
+RIG_FIELDS = tuple(NATECAM.to_dict())
 DISTORTION = ("distortion_model", "distortion_coefficients")
 TURNS = ("vergence_deg", "rotation_deg")
 LENS = ("fx", "fy", "cx", "cy")
-FIELDS = (*RIG, *DISTORTION, "right", *TURNS)
+FIELDS = (*RIG_FIELDS, *DISTORTION, "right", *TURNS)
 MOST_TURN = 45.0  # [deg]
 HEAD = 4096  # bytes of a file that tell JSON from other calibrations
 
@@ -107,8 +107,8 @@ def read_rig_file(paths: Sequence[Path]) -> StereoRig | RawRig:
     content = _rig_fields(paths[0]) if len(paths) == 1 else None
     try:
         if content is None:
-            pair = read_pair(paths)
-        elif content.keys() <= set(RIG):
+            pair = read_raw_calibration(paths)
+        elif content.keys() <= set(RIG_FIELDS):
             return StereoRig.from_dict(content)
         else:
             pair = pair_of_rig_file(content)

@@ -11,7 +11,7 @@ import pytest
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.inputs import Inputs, find_inputs
 from m3depth.prediction.sources.pair_input import PairInput
-from m3depth.prediction.sources.poses import camera_to_rover
+from m3depth.prediction.sources.poses import mounted_camera_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs
 from m3depth.rectification.options import RawOptions, RectifyOptions
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -107,7 +107,7 @@ def test_poses_of_the_camera_start_from_the_first_pairs_place_on_the_rover(tmp_p
     for name, height in (("a", 1.5), ("b", 9.0)):
         for eye in ("left", "right"):
             image(tmp_path / name / f"{eye}.png")
-        on_rover = camera_to_rover((0.0, height, 0.0), RIG.baseline)
+        on_rover = mounted_camera_pose((0.0, height, 0.0), RIG.baseline)
         content = {"camera_to_rover": on_rover.tolist()}
         (tmp_path / name / "rig.json").write_text(json.dumps(content))
     (tmp_path / "poses.txt").write_text(2 * "1 0 0 0 0 1 0 0 0 0 1 3\n")
