@@ -29,9 +29,9 @@ def pair_of_kalibr(content: Mapping[str, Any]) -> PosedPair:
         raise ValueError("field cam1 is missing: a camchain of one camera is no pair")
     lenses, sizes = [], []
     for eye in ("cam0", "cam1"):
-        lenses.append(_named(eye, _lens, content[eye]))
-        sizes.append(_named(eye, fields.size, content[eye], ("resolution",)))
-    transform = _named("cam1", fields.matrix, content["cam1"], "T_cn_cnm1", (4, 4))
+        lenses.append(fields.read_in(eye, _lens, content[eye]))
+        sizes.append(fields.read_in(eye, fields.size, content[eye], ("resolution",)))
+    transform = fields.read_in("cam1", fields.matrix, content["cam1"], "T_cn_cnm1", (4, 4))
     return PosedPair(
         first_camera(lenses[0], sizes[0]), second_camera(lenses[1], transform[:3, :3], transform[:3, 3], sizes[1])
     )
@@ -66,14 +66,6 @@ def kalibr_text(pair: PosedPair) -> str:
             f"  resolution: [{camera.size[0]}, {camera.size[1]}]",
         ]
     return "\n".join(lines) + "\n"
-
-
-def _named(eye: str, read: Any, *args: Any) -> Any:
-    """Read a field of one camera, and name the camera in an error."""
-    try:
-        return read(*args)
-    except ValueError as error:
-        raise ValueError(f"{eye}: {error}") from None
 
 
 def _lens(camera: Mapping[str, Any]) -> Lens:

@@ -166,7 +166,6 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
     model = label.get(MODEL)
     counter = label.get("ROVER_MOTION_COUNTER", [])
     constants = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
-    mask = re.search(r"2#([01]+)#", str(image.get("SAMPLE_BIT_MASK", "")))
     return ProductLabel(
         camera=_camera(model, size) if isinstance(model, dict) else None,
         size=size,
@@ -174,7 +173,6 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
         eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),
         motion=parse_counter(counter),
         missing=pixel_constants(constants, _sample_type(image)),
-        bits=mask[1].count("1") if mask else None,
         file_bytes=label.get("file_bytes") or (_file_bytes(label, image) if attached else None),
     )
 

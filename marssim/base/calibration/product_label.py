@@ -34,7 +34,6 @@ class ProductLabel:
         eye: "left", "right", or "" if the label does not say.
         motion: The rover's motion counter, which changes when the rover or its mast moves; empty if unknown.
         missing: Values of pixels that hold no data.
-        bits: Bits of a pixel's value that are used; None if the label does not say.
         file_bytes: Least size of the file that the label is attached to; None if it is detached.
     """
 
@@ -44,7 +43,6 @@ class ProductLabel:
     eye: str = ""
     motion: tuple[int, ...] = ()
     missing: tuple[float, ...] = ()
-    bits: int | None = None
     file_bytes: int | None = None
 
 

@@ -117,11 +117,11 @@ def read_rig_file(paths: Sequence[Path]) -> StereoRig | RawRig:
     except DatasetError:
         raise
     except ValueError as error:
-        raise DatasetError(_naming(paths, error)) from None
+        raise DatasetError(fields.message_in(paths, error)) from None
     try:
         return plain_rig(pair) or RawRig.of(pair)
     except ValueError as error:
-        raise DatasetError(_naming(paths, error)) from None
+        raise DatasetError(fields.message_in(paths, error)) from None
 
 
 def pair_of_rig_file(content: Mapping[str, Any]) -> PosedPair:
@@ -209,11 +209,3 @@ def _right_lens(content: Mapping[str, Any], size: tuple[int, int]) -> Lens:
             if name not in right:
                 raise ValueError(f"field right.{name} is missing: a right lens of its own has {', '.join(LENS)}")
     return _lens(right, size, "right." if right is not content else "")
-
-
-def _naming(paths: Sequence[Path], error: ValueError) -> str:
-    """Return a message that begins with the file, if it does not name it already."""
-    message = str(error)
-    if any(message.startswith(f"{path}") for path in paths):
-        return message
-    return f"{' and '.join(map(str, paths))}: {message}"
