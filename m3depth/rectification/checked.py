@@ -24,7 +24,7 @@ LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther
 
 @dataclass(frozen=True)
 class CheckedPair:
-    """A rectified pair, and what is said of it.
+    """A rectified pair with its report and warnings.
 
     Attributes:
         left, right: The raw images, without what masks leave out.
@@ -71,6 +71,9 @@ def rectified(options: RectifyOptions, left: RawImage, right: RawImage) -> Check
     Args:
         options: The flags of m3depth.rectify.
         left, right: The raw images.
+
+    Returns:
+        The rectified pair with its report and warnings; nothing is written.
 
     Raises:
         FileNotFoundError: A file is missing.

@@ -116,6 +116,9 @@ def rectify_pair(
             each other, so that all disparities of matches are positive, and else 0.
         align: Fit the rows to matches with six terms.
 
+    Returns:
+        The pair, of the size asked for, or of the left raw image.
+
     Raises:
         ValueError: The cameras of the calibration do not stand side by side, or without a calibration the images have
             different sizes.
