@@ -54,6 +54,11 @@ def write_pair(
     write_json(out / REPORT, report, sort_keys=False)
 
 
+def rig_beside(image: Path) -> Path:
+    """Return where the rig file of an image or a recording lies, if there is one."""
+    return (image if image.name else image.absolute()).with_name(RIG_FILE)  # a bag may be "."
+
+
 def remove_pair(out: Path) -> None:
     """Delete the files of write_pair, and the folder if nothing else is in it; without its report, nothing."""
     if not (out / REPORT).is_file():

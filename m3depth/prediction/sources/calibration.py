@@ -10,7 +10,7 @@ import numpy as np
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.prediction.options import PredictOptions
-from m3depth.rectification.files import REPORT, RIG_FILE
+from m3depth.rectification.files import REPORT, rig_beside
 from marssim.base.calibration.rectified import Calibration, read_calibration
 from marssim.base.camera import WIDEST_BASELINE
 
@@ -35,11 +35,11 @@ def make_calibration(
         ValueError: A flag or the file cannot be used; the message names it.
     """
     files = options.calib
-    if not files and pair_calibration is None and (beside := image.with_name(RIG_FILE)).is_file():
+    if not files and pair_calibration is None and (beside := rig_beside(image)).is_file():
         files = (beside,)
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
         if value is None and not files and pair_calibration is None:
-            aligned = image.with_name(REPORT)  # of m3depth.rectify, which wrote no RIG_FILE
+            aligned = image.with_name(REPORT)  # of m3depth.rectify, which wrote no rig file
             reason = f" (nothing gave {image.parent} a scale, see {aligned.name})" if aligned.is_file() else ""
             raise ValueError(f"{flag} is missing{reason}: give it, or a calibration file with --calib")
     for flag, value, side in (("--cx", options.cx, width), ("--cy", options.cy, height)):

@@ -24,7 +24,7 @@ from m3depth.prediction.sources.poses import read_poses, rover_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
-from m3depth.rectification.files import RIG_FILE
+from m3depth.rectification.files import RIG_FILE, rig_beside
 from m3depth.rectification.product_names import is_product, right_of
 from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
@@ -131,7 +131,7 @@ class Inputs:
         for pair in self.pairs:
             if isinstance(pair.calibration, FileRig):
                 others.append(pair.calibration.file)
-            beside = (pair.given[0].with_name(RIG_FILE), *map(valid_mask, self.files(pair) or ()))
+            beside = (rig_beside(pair.given[0]), *map(valid_mask, self.files(pair) or ()))
             others += [path for path in beside if path.is_file()]
         return {
             **state,

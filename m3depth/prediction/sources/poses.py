@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.rectification.files import RIG_FILE, ROVER_KEY
+from m3depth.rectification.files import ROVER_KEY, rig_beside
 from marssim.base.calibration.bounded_text import read_text
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.pose import FARTHEST, recorded_pose
@@ -53,7 +53,7 @@ def rover_pose(options: PredictOptions, image: Path, baseline: float, recorded: 
         return mounted_camera_pose(options.mount, baseline)
     if recorded is not None:
         return recorded
-    file = options.calib[0] if options.calib else image.with_name(RIG_FILE)
+    file = options.calib[0] if options.calib else rig_beside(image)
     content = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
     if content is None:
         return ZHURONG.mount.left_eye(baseline)

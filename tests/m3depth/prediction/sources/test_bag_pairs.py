@@ -205,6 +205,12 @@ def test_another_pair_of_topics_is_another_input(make, tmp_path):
     assert states[0]["images"] == states[2]["images"]
 
 
+def test_the_folder_of_work_may_be_the_bag(make, tmp_path, monkeypatch):
+    """Its name is empty, but a rig.json may lie beside it, as the bag has no frame of the rover."""
+    monkeypatch.chdir(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
+    assert main([".", "--out", str(tmp_path / "out"), "--method", "sgbm", "--write", "depth"]) == 0
+
+
 def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsys):
     def late(topic, message):
         if topic not in ("/tf", "/odom"):
