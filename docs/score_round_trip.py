@@ -25,7 +25,7 @@ from m3depth.rectification.raw_image import RawImage, read_raw_pair
 from m3depth.rectification.row_errors import fit_rows
 from marssim.base.calibration.calibration_files import FORMS
 from marssim.base.calibration.orientation import RectifiedView
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import read_raw_calibration
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import RAW
@@ -112,7 +112,7 @@ def _scores(
         files = [dataset.path / CALIBRATION / name for name in names]
         if not files[0].is_file():
             continue
-        pair = rectify_pair(*images, fitting(read_pair(files), *images))
+        pair = rectify_pair(*images, fitting(read_raw_calibration(files), *images))
         assert pair.view is not None and pair.matches is not None
         if rendered is None or not _same(rendered[0], pair.view):
             truth = _render(config, dataset, number, pair.view)

@@ -87,6 +87,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
 
     Raises:
         FileNotFoundError: A file is missing; nothing was written.
+        ImportError: An extra is missing: `real` for a product or a bag, or that of the method or of --view.
         ValueError: A flag or the pair cannot be used; nothing was written.
     """
     if options.view:
@@ -143,12 +144,12 @@ def _summary(result: PairPrediction, points: int) -> str:
         result: The prediction.
         points: Number of points of the cloud.
     """
-    known = np.isfinite(result.prediction.depth)
+    valid = np.isfinite(result.prediction.depth)
     depths = "no depth"
-    if known.any():
-        low, middle, high = np.percentile(result.prediction.depth[known], [5, 50, 95])
+    if valid.any():
+        low, middle, high = np.percentile(result.prediction.depth[valid], [5, 50, 95])
         depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
-    line = f"{depths} on {100 * known.mean():.0f} % of the pixels; {counted(points, 'point')}"
+    line = f"{depths} on {100 * valid.mean():.0f} % of the pixels; {counted(points, 'point')}"
     if result.removed is not None:
         line = f"{line}; rows aligned, which lay apart by {result.removed}"
     if result.compared == 0:

@@ -43,6 +43,9 @@ def rectify(options: RectifyOptions) -> RectifiedPair:
     Args:
         options: The command's flags.
 
+    Returns:
+        The rectified pair, as it is written.
+
     Raises:
         FileNotFoundError: A file is missing; nothing was written.
         ImportError: A product without the extra `real`; nothing was written.

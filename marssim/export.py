@@ -5,8 +5,8 @@
 
 The layouts are those of KITTI 2015, SceneFlow (FlyingThings3D), Middlebury 2014 and MiddEval3, ETH3D two-view, and
 OpenStereo's lists. rosbag2 is a bag of each scene: images, CameraInfo, depth, poses and frames; it needs the extra
-`real`. A README.md beside the files explains them, and how unknown disparities are marked. The same command
-completes an export after an interrupted run.
+`real`. A README.md beside the files explains them, and in the layouts of benchmarks how unknown disparities are marked.
+The same command completes an export after an interrupted run.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def export(config: ExportConfig) -> int:
 
 
 def _export(config: ExportConfig, chosen: list[dict[str, Any]]) -> int:
-    about = ROSBAG2 if config.format == BAGS else LAYOUTS[config.format].about
+    about = ROSBAG2 if config.format == BAGS else f"{LAYOUTS[config.format].about}\n{_DISPARITY}"
     name = config.data.resolve().name
     write_atomically(config.out / "README.md", f"# {name}, exported by marssim\n\n{about}\n{_NAMES}".encode())
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
@@ -153,9 +153,12 @@ def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:
     )  # fmt: skip
 
 
-_NAMES = """\
+_DISPARITY = """\
 Disparity is x_left - x_right in pixels as the images show it, pixel centres are integers. So it contains the residual
 errors of rectification that the dataset was rendered with; depth = f B / disparity is exact where there are none.
+"""
+
+_NAMES = """\
 `samples.json` lists the names of the samples in the dataset (scene/view), by split and in the order of the export.
 """
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from m3depth.datasets.pair_files import PairFiles, Rig, Rigs
+from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader, PairFiles
 from m3depth.datasets.rigs import FileRig
 from marssim.base.calibration.rectified import Calibration
 
@@ -32,7 +32,7 @@ MIDDLEBURY_FOLDERS = ("2014", "MiddEval3/trainingF", "MiddEval3/trainingH", "Mid
 OCCLUDED = 128  # in mask0nocc.png: only the left camera sees it; 255 is both, 0 is unknown
 
 
-def kitti(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
+def kitti(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield the pairs of a KITTI root, in the order of their numbers.
 
     Args:
@@ -54,7 +54,7 @@ def kitti(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
             return
 
 
-def sceneflow(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
+def sceneflow(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield the pairs of FlyingThings3D, Driving or Monkaa.
 
     `name` begins with TRAIN, TEST or VAL where the tree does.
@@ -79,7 +79,7 @@ def sceneflow(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
         )  # fmt: skip
 
 
-def sceneflow_rig(calib: Path, left: Path) -> Rig:
+def sceneflow_rig(calib: Path, left: Path) -> CalibrationReader:
     """Return SceneFlow's own camera, unless a calibration file says otherwise.
 
     Args:
@@ -96,7 +96,7 @@ def sceneflow_rig(calib: Path, left: Path) -> Rig:
     return rig
 
 
-def middlebury(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
+def middlebury(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield the pairs of the first of Middlebury's folders that exists, without scenes that lack truth (test sets).
 
     Args:
@@ -111,7 +111,7 @@ def middlebury(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
             return
 
 
-def eth3d(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
+def eth3d(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield the pairs of the two-view training set.
 
     Args:
@@ -122,7 +122,7 @@ def eth3d(root: Path, rigs: Rigs) -> Iterator[PairFiles]:
         yield from _scene(path.parent, root / "two_view_training_gt" / path.parent.name, rigs)
 
 
-def _scene(images: Path, truths: Path, rigs: Rigs) -> Iterator[PairFiles]:
+def _scene(images: Path, truths: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield the pair of one scene of Middlebury or ETH3D, if it has a true disparity map."""
     truth = next((truths / n for n in ("disp0GT.pfm", "disp0.pfm") if (truths / n).is_file()), None)
     if truth is None:

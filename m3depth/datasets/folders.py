@@ -8,11 +8,11 @@ from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import Kind
-from m3depth.datasets.pair_files import PairFiles, Rigs
+from m3depth.datasets.pair_files import CalibrationFinder, PairFiles
 from marssim.base.files.json_file import DatasetError
 
 
-def folder_pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
+def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield pairs found by patterns: two images and a map belong together where their * stand for the same text.
 
     Args:
@@ -87,7 +87,7 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
 CAMERAS = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders that are named after a camera
 
 
-def list_pairs(file: Path, root: Path, rigs: Rigs, config: DataConfig) -> Iterator[PairFiles]:
+def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConfig) -> Iterator[PairFiles]:
     """Yield the pairs of an OpenStereo list: lines of "left right disparity" with paths from `root`.
 
     root/calib/NAME.txt and root/occluded/NAME.png, which OpenStereo does not know, are used where they exist.

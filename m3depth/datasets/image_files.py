@@ -80,3 +80,26 @@ def read_image(path: Path) -> np.ndarray:
     if image.ndim == 3:
         image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]  # BGR becomes RGB
     return image
+
+
+def read_scene_mask(path: Path, shape: tuple[int, int], image: str = "its image") -> np.ndarray:
+    """Read the mask of an image, in which 0 leaves a pixel out.
+
+    Args:
+        path: Image file of 8 or 16 bits; in a mask of colours, black leaves a pixel out.
+        shape: Height and width of the image [px].
+        image: What the message calls it.
+
+    Returns:
+        (H, W) bool, where the image shows the scene.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is no image, or of another size. One line that names it.
+    """
+    check_file(path, "mask")
+    pixels = read_image(path)
+    if pixels.shape[:2] != shape:
+        size = f"{pixels.shape[1]} x {pixels.shape[0]}"
+        raise ValueError(f"{path}: is {size}, {image} is {shape[1]} x {shape[0]}: a mask has the image's size")
+    return np.asarray(pixels.any(axis=2) if pixels.ndim == 3 else pixels > 0)

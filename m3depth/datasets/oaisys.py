@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from m3depth.datasets.config import DataConfig
-from m3depth.datasets.pair_files import PairFiles, Rigs
+from m3depth.datasets.pair_files import CalibrationFinder, PairFiles
 from marssim.base.calibration.rectified import Calibration
 from marssim.base.files.json_file import DatasetError
 
 RENDERING = "00"  # number of the rendering that is read; OAISYS can render a pass several times
 
 
-def oaisys(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[PairFiles]:
+def oaisys(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield the pairs of OAISYS: batch_0001/<sensor>/0003<sensor>_rgb_00.png and ..._pinhole_depth_00.exr [m].
 
     The sensors are those whose names end in left and right, or those that --left and --right name.

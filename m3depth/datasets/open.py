@@ -18,7 +18,7 @@ from m3depth.datasets.benchmarks import eth3d, kitti, middlebury, sceneflow, sce
 from m3depth.datasets.config import DataConfig, Format, Split
 from m3depth.datasets.folders import folder_pairs, list_pairs
 from m3depth.datasets.oaisys import oaisys
-from m3depth.datasets.pair_files import PairFiles, Rigs, read_pair_files
+from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, read_pair_files
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.stereo.pairs import StereoPairs
 from marssim.base.dataset.dataset import SPLITS, StereoDataset, split_of
@@ -33,7 +33,8 @@ SIGNS: tuple[tuple[Format, tuple[str, ...]], ...] = (  # files that identify a l
     ("middlebury", ("*/im0.png", "2014/*/im0.png", "training[FHQ]/*/im0.png", "MiddEval3/training[FHQ]/*/im0.png")),
     ("oaisys", ("batch_*/*/*_rgb_*.png", "*/batch_*/*/*_rgb_*.png")),
 )
-READERS: dict[Format, Callable[[Path, DataConfig, Rigs], Iterator[PairFiles]]] = {  # the pairs of a root, by layout
+# the pairs of a root, by layout
+READERS: dict[Format, Callable[[Path, DataConfig, CalibrationFinder], Iterator[PairFiles]]] = {
     "kitti": lambda root, config, rigs: kitti(root, rigs),
     "sceneflow": lambda root, config, rigs: sceneflow(root, rigs),
     "middlebury": lambda root, config, rigs: middlebury(root, rigs),
@@ -148,7 +149,7 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
     if layout == "marssim":
         return StereoDataset(path, None if split == "all" else split)
     rig_of_flags = given_rig(config)
-    rigs: Rigs = rig_of_flags or (sceneflow_rig if layout == "sceneflow" else FileRig)
+    rigs: CalibrationFinder = rig_of_flags or (sceneflow_rig if layout == "sceneflow" else FileRig)
     if layout in ("folder", "oaisys") and rig_of_flags is None and not (path / "calib.txt").is_file():
         raise DatasetError(f"{path}: layout {layout} needs --calib, or --focal and --baseline, or {path / 'calib.txt'}")
     if layout == "list":
@@ -178,7 +179,7 @@ def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
     return [split_of(order[pair.group]) for pair in pairs]
 
 
-def _lists(path: Path, split: Split, rigs: Rigs, config: DataConfig) -> list[PairFiles]:
+def _lists(path: Path, split: Split, rigs: CalibrationFinder, config: DataConfig) -> list[PairFiles]:
     """Return the pairs of a split from one list, or from the lists train.txt, val.txt and test.txt of a folder."""
     if path.is_file():
         pairs = list(list_pairs(path, path.parent, rigs, config))

@@ -21,10 +21,10 @@ from marssim.base.dataset.sample import StereoSample
 from marssim.base.files.json_file import DatasetError
 from marssim.base.images.depth_edges import depth_edges
 
-Rig = Callable[[int, int], Calibration]
+CalibrationReader = Callable[[int, int], Calibration]
 """Returns the calibration of images of (width, height) [px]."""
-Rigs = Callable[[Path, Path], Rig]
-"""Returns the Rig of a pair, from the path of its calibration file and of its left image."""
+CalibrationFinder = Callable[[Path, Path], CalibrationReader]
+"""Returns the CalibrationReader of a pair, from the path of its calibration file and of its left image."""
 
 FITTED = 7  # window in which normals are fitted to depth [px], as wide as Normal-Assisted Stereo's
 BREAK = 0.1  # share of the disparity by which one surface may change within 3 x 3 px
@@ -54,7 +54,7 @@ class PairFiles:
     right: Path
     truth: Path
     kind: Kind
-    calibration: Rig
+    calibration: CalibrationReader
     zero_is_far: bool = False
     unit: float | None = None
     visible: Path | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
-from m3depth.datasets.pair_files import Rig, Rigs
+from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
 from marssim.base.calibration.rectified import Calibration, read_calibration
 from marssim.base.camera import NATECAM, WIDEST_BASELINE
 from marssim.base.files.json_file import DatasetError
@@ -47,7 +47,7 @@ class FileRig:
         return calibration
 
 
-def given_rig(config: DataConfig) -> Rigs | None:
+def given_rig(config: DataConfig) -> CalibrationFinder | None:
     """Return the calibration that the flags give for all pairs; None if they give none.
 
     Raises:
@@ -71,7 +71,7 @@ def given_rig(config: DataConfig) -> Rigs | None:
         return lambda calib, left: FileRig(path, left)
     rig: Calibration = sensors
 
-    def from_oaisys(left: Path) -> Rig:
+    def from_oaisys(left: Path) -> CalibrationReader:
         def checked(width: int, height: int) -> Calibration:
             if rig.size != (width, height):
                 expected = "images of another size" if rig.size is None else f"{rig.size[0]} x {rig.size[1]} px"

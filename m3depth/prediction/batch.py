@@ -30,6 +30,7 @@ from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.poses import rover_pose
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from m3depth.prediction.step_figure import steps_record
+from m3depth.rectification.files import ROVER_KEY
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
 from marssim.base.command.run import describe
@@ -146,7 +147,7 @@ def record_of(
         **({} if pair.raw is None else {"raw": [str(path) for path in pair.raw]}),
         **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
-        "camera_to_rover": rover_pose(options, pair.given[0], rig.baseline, pair.on_rover).tolist(),
+        ROVER_KEY: rover_pose(options, pair.given[0], rig.baseline, pair.on_rover).tolist(),
         "pose": None if pose is None else pose.tolist(),
         "world": pair.group or None,
         "cloud_frame": options.cloud_frame,
@@ -156,7 +157,7 @@ def record_of(
 def cloud_pose(record: dict[str, Any]) -> np.ndarray:
     """Return the pose of the camera in the frame of the point cloud, (4, 4)."""
     frame = record["cloud_frame"]
-    return np.eye(4) if frame == "camera" else np.array(record["pose" if frame == "world" else "camera_to_rover"])
+    return np.eye(4) if frame == "camera" else np.array(record["pose" if frame == "world" else ROVER_KEY])
 
 
 def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:

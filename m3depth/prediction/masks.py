@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from m3depth.datasets.image_files import read_image
-from m3depth.stereo.pairs import in_grey
+from m3depth.datasets.image_files import read_scene_mask
 from m3depth.stereo.prediction import Prediction
 from marssim.base.calibration.rectified import align_right
 
@@ -45,11 +44,8 @@ def read_valid(image: Path | None, mask: Path | None, shape: tuple[int, int]) ->
     for path in (mask, beside if beside is not None and beside.is_file() else None):
         if path is None:
             continue
-        pixels = in_grey(read_image(path))
-        if pixels.shape != shape:
-            size = f"{pixels.shape[1]} x {pixels.shape[0]}"
-            raise ValueError(f"{path}: is {size}, its image is {shape[1]} x {shape[0]}: a mask has the image's size")
-        valid = pixels > 0 if valid is None else valid & (pixels > 0)
+        shown = read_scene_mask(path, shape)
+        valid = shown if valid is None else valid & shown
     return valid
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from m3depth.prediction.files import CLOUD, FIGURE, RECORD
 from m3depth.prediction.fused_cloud import fuse
+from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import spread
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
@@ -96,7 +97,7 @@ def _clouds(out: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, np.nd
         cloud: Any = trimesh.load(out / name / CLOUD)
         points, pose = np.asarray(cloud.vertices).reshape(-1, 3), np.array(record["pose"])
         if record["cloud_frame"] == "rover":
-            pose = pose @ np.linalg.inv(record["camera_to_rover"])
+            pose = pose @ np.linalg.inv(record[ROVER_KEY])
         if record["cloud_frame"] != "world":
             points = points @ pose[:3, :3].T + pose[:3, 3]
         if len(points):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from m3depth.stereo.classical import SGBM, grey_pair
 from m3depth.stereo.rows import RowFit, row_misalignment
 from marssim.base.camera import StereoRig
@@ -13,8 +14,7 @@ QUICK_WIDTH = 256  # [px] width to which matched_shares reduces images
 SWAP_SHARE = 0.3  # share of the pixels that must match with exchanged eyes
 LITTLE, HARDLY_ANY = 0.15, 0.05  # shares of matching pixels under which a pair is doubtful, and meaningless
 SMALLEST = 100  # [px] width under which too few matches are not held against a pair
-FULL_WIDTH = 1024  # [px] width from which the limits of rows grow with the width
-DOUBTFUL_ROWS, WRONG_ROWS = 0.75, 2.5  # [px] distances of rows that give a warning, and make the result meaningless
+DOUBTFUL_ROWS = 0.75  # [px] distance of rows that gives a warning; see row_limit
 ROWS_REACH = 0.15  # share of the height by which rows may lie apart and still be found
 
 
@@ -36,8 +36,8 @@ def matched_shares(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple
     small = rig.resized(round(rig.camera.width * scale), max(1, round(rig.camera.height * scale)))
     size = (small.camera.width, small.camera.height)
     a, b = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
-    given, exchanged = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
-    return given, exchanged
+    given, swapped = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
+    return given, swapped
 
 
 def exchanged(shares: tuple[float, float]) -> bool:
@@ -107,10 +107,10 @@ def check_pair(
     shares = matched_shares(left, right, rig)
     if exchanged(shares):
         return [(True, f"{names[0]} and {names[1]} match the wrong way round: exchange left and right")]
-    unit = max(1.0, rig.camera.width / FULL_WIDTH)
+    doubtful_rows, wrong_rows = (row_limit(limit, rig.camera.width) for limit in (DOUBTFUL_ROWS, WRONG_ROWS))
     if rows is not None and rows.significant:
-        fatal = rows.size > WRONG_ROWS * unit
-        doubtful = rows.size > DOUBTFUL_ROWS * unit or rows.largest > 3 * DOUBTFUL_ROWS * unit
+        fatal = rows.size > wrong_rows
+        doubtful = rows.size > doubtful_rows or rows.largest > 3 * doubtful_rows
         if fatal or (doubtful and not aligned):
             message = (
                 f"the rows of {names[0]} and {names[1]} lie {rows.size:.1f} px apart (by {rows.points} points; up to "

@@ -16,6 +16,7 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.inputs import Inputs
 from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.video_frames import VideoFrames
+from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import in_colour
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.map_file import MapKind, find_map, read_map_file
@@ -38,7 +39,7 @@ def predicted_shots(options: PredictOptions, inputs: Inputs, pairs: Sequence[Pai
     shots = []
     for pair in pairs:
         record = read_json(options.out / pair.name / RECORD)
-        pose = record["camera_to_rover"] if record["pose"] is None else record["pose"]
+        pose = record[ROVER_KEY] if record["pose"] is None else record["pose"]
         # pairs without poses have no common world
         world = f"{record['world']}" if record["pose"] is not None else pair.name
         name = pair.name or pair.given[0].name

@@ -12,12 +12,11 @@ from m3depth.rectification.files import make_report, write_pair
 from m3depth.rectification.options import RectifyOptions
 from m3depth.rectification.pair import RectifiedPair, fitting, rectify_pair
 from m3depth.rectification.raw_image import RawImage, masked
+from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
-from marssim.base.calibration.read_pair import labelled_pair, read_pair
+from marssim.base.calibration.read_pair import labelled_pair, read_raw_calibration
 
-WRONG_ROWS = 2.5  # [px] from which on a pair of 1024 px width is not rectified
-FULL_WIDTH = 1024
 FEW = 100  # matches under which the rows are hardly judged
 IN_ROWS = 0.5  # [px] by which the rows of rectified images may lie apart
 LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther apart than before show a mistake
@@ -25,7 +24,7 @@ LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther
 
 @dataclass(frozen=True)
 class CheckedPair:
-    """A rectified pair, and what is said of it.
+    """A rectified pair with its report and warnings.
 
     Attributes:
         left, right: The raw images, without what masks leave out.
@@ -73,6 +72,9 @@ def rectified(options: RectifyOptions, left: RawImage, right: RawImage) -> Check
         options: The flags of m3depth.rectify.
         left, right: The raw images.
 
+    Returns:
+        The rectified pair with its report and warnings; nothing is written.
+
     Raises:
         FileNotFoundError: A file is missing.
         ValueError: A calibration or a mask cannot be used, or the result would be meaningless.
@@ -94,7 +96,7 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
     """
     if options.calib:
         name = " and ".join(map(str, options.calib))
-        cameras = read_pair(options.calib, options.raw.fisheye)
+        cameras = read_raw_calibration(options.calib, options.raw.fisheye)
     elif left.label is not None and left.label.camera is not None:
         name = "the labels of the images"
         cameras = labelled_pair((left.label, right.label), (left.path, right.path))
@@ -150,7 +152,7 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
     if np.median(matches.disparity + shift) < 0:
         beyond = "" if pair.view is not None else ", or the cameras are turned towards each other"
         findings.append((True, f"{names} match the wrong way round: exchange left and right{beyond}"))
-    if matches.after.median > WRONG_ROWS * max(1.0, pair.left_valid.shape[1] / FULL_WIDTH):
+    if matches.after.median > row_limit(WRONG_ROWS, pair.left_valid.shape[1]):
         apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
         question = "is the calibration that of these images, and the left image the first one?"
         findings.append((True, f"{apart}: {question} --align fits the rows to matches"))

@@ -15,7 +15,8 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
 from marssim.base.files.png import encode_png
 
-RIG, REPORT, ROWS = "rig.json", "report.json", "rows.png"
+RIG_FILE, REPORT, ROWS = "rig.json", "report.json", "rows.png"
+ROVER_KEY = "camera_to_rover"  # in RIG_FILE and in prediction.json: pose of the left camera on the rover
 NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
 
 
@@ -41,9 +42,9 @@ def write_pair(
         write_atomically(out / f"{name}_valid.png", encode_png(getattr(pair, f"{name}_valid").astype(np.uint8) * 255))
     rig = rig_dict(pair)
     if rig is None:
-        (out / RIG).unlink(missing_ok=True)  # of an earlier run
+        (out / RIG_FILE).unlink(missing_ok=True)  # of an earlier run
     else:
-        write_json(out / RIG, rig, sort_keys=False)
+        write_json(out / RIG_FILE, rig, sort_keys=False)
     if with_picture:
         from m3depth.rectification.figure import rows_figure  # loads matplotlib
 
@@ -53,12 +54,17 @@ def write_pair(
     write_json(out / REPORT, report, sort_keys=False)
 
 
+def rig_beside(image: Path) -> Path:
+    """Return where the rig file of an image or a recording lies, if there is one."""
+    return (image if image.name else image.absolute()).with_name(RIG_FILE)  # a bag may be "."
+
+
 def remove_pair(out: Path) -> None:
     """Delete the files of write_pair, and the folder if nothing else is in it; without its report, nothing."""
     if not (out / REPORT).is_file():
         return
     images = [f"{eye}{end}.png" for eye in ("left", "right") for end in ("", "_valid")]
-    for name in (*images, ROWS, RIG, REPORT):
+    for name in (*images, ROWS, RIG_FILE, REPORT):
         (out / name).unlink(missing_ok=True)
     with suppress(OSError):  # the folder is not empty
         out.rmdir()
@@ -74,12 +80,12 @@ def rig_dict(pair: RectifiedPair) -> dict[str, Any] | None:
     rig: dict[str, Any] = calibration.rig(*calibration.size).to_dict()
     if calibration.shift:
         rig["shift"] = round(float(calibration.shift), 6)
-    if (pose := camera_to_rover(pair)) is not None:
-        rig["camera_to_rover"] = pose.round(9).tolist()
+    if (pose := labelled_camera_pose(pair)) is not None:
+        rig[ROVER_KEY] = pose.round(9).tolist()
     return rig
 
 
-def camera_to_rover(pair: RectifiedPair) -> np.ndarray | None:
+def labelled_camera_pose(pair: RectifiedPair) -> np.ndarray | None:
     """Return the pose of the rectified left camera on the rover, where the labels give it: (4, 4) camera to rover."""
     if pair.view is None or pair.cameras is None:
         return None

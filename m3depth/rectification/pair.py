@@ -116,6 +116,9 @@ def rectify_pair(
             each other, so that all disparities of matches are positive, and else 0.
         align: Fit the rows to matches with six terms.
 
+    Returns:
+        The pair, of the size asked for, or of the left raw image.
+
     Raises:
         ValueError: The cameras of the calibration do not stand side by side, or without a calibration the images have
             different sizes.
@@ -127,10 +130,10 @@ def rectify_pair(
     given = left.size if view is None else (view.left.width, view.left.height)
     reduction = 1.0 if view is None or cameras is None else max(1.0, cameras.left.lens.focal() / view.left.fx)
 
-    def source(eye: str, seen: RectifiedView | None) -> Source:
-        if seen is None or cameras is None:
+    def source(eye: str, target: RectifiedView | None) -> Source:
+        if target is None or cameras is None:
             return unchanged
-        return rectifying(getattr(cameras, eye), getattr(seen, eye), seen.rotation)
+        return rectifying(getattr(cameras, eye), getattr(target, eye), target.rotation)
 
     left_source = source("left", view)
     first = resample(left.pixels, left.valid, left_source, given, reduction)

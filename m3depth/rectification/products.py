@@ -24,7 +24,7 @@ def read_product(path: Path, label: ProductLabel) -> tuple[np.ndarray, np.ndarra
         label: Its label.
 
     Returns:
-        (H, W) or (H, W, 3) image, uint8, uint16 or float32, and (H, W) bool, where it holds data.
+        (H, W) or (H, W, 3) image, uint8, uint16 or float32, 0 where it holds no data, and (H, W) bool, where it does.
 
     Raises:
         ImportError: pdr is not installed; the message names the extra.
@@ -35,13 +35,11 @@ def read_product(path: Path, label: ProductLabel) -> tuple[np.ndarray, np.ndarra
         raise ValueError(f"{path}: is truncated: it has {has} of {label.file_bytes} bytes; fetch it again")
     if find_spec("pdr") is None:
         raise ImportError(f"{path}: products of PDS need pdr, which is not installed; {EXTRA}")
-    values = _native(_read(path))
-    missing = np.zeros(values.shape, bool)
+    raw = _read(path)
+    missing = ~np.isfinite(raw)
     for value in label.missing:
-        missing |= values == value
-    if values.dtype.kind == "f":
-        missing |= ~np.isfinite(values)
-        values = np.where(missing, np.float32(0), values)
+        missing |= raw == value
+    values = _native(np.where(missing, raw.dtype.type(0), raw))  # the type of the rest, whatever the constant is
     valid = np.asarray(~missing if values.ndim == 2 else ~missing.all(axis=2))
     if label.size is not None and valid.shape != label.size[::-1]:
         raise ValueError(

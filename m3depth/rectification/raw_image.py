@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from m3depth.datasets.image_files import decode_image, read_image
+from m3depth.datasets.image_files import read_image, read_scene_mask
 from m3depth.rectification.product_names import is_product, label_beside
 from m3depth.rectification.products import read_product
 from m3depth.stereo.pairs import in_colour, in_grey
-from marssim.base.calibration.product_label import ProductLabel, check_pair
+from marssim.base.calibration.product_label import ProductLabel, check_labels
 from marssim.base.calibration.read_pair import read_label
 from marssim.base.command.input_file import check_file
 
@@ -58,7 +57,7 @@ def read_raw_pair(left: Path, right: Path, check: bool = True) -> tuple[RawImage
         check_file(path, "image")
     labels = read_label(left), read_label(right)
     if check and labels[0] is not None and labels[1] is not None:
-        check_pair(labels[0], labels[1], (left, right))
+        check_labels(labels[0], labels[1], (left, right))
     a, b = (_read(path, label) for path, label in zip((left, right), labels))
     if a.pixels.dtype != b.pixels.dtype:
         raise ValueError(
@@ -76,20 +75,14 @@ def masked(image: RawImage, mask: Path) -> RawImage:
 
     Args:
         image: The image.
-        mask: Image file of the same size; 0 leaves a pixel out.
+        mask: Image file of the same size; 0 leaves a pixel out (see read_scene_mask).
 
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: The file is no image, or of another size.
     """
-    check_file(mask, "mask")
-    values = decode_image(mask.read_bytes(), cv2.IMREAD_GRAYSCALE)
-    if values is None:
-        raise ValueError(f"{mask}: not a readable image")
-    if values.shape != image.valid.shape:
-        width, height = image.size
-        raise ValueError(f"{mask}: is {values.shape[1]} x {values.shape[0]}, {image.path} is {width} x {height}")
-    return replace(image, valid=image.valid & (values > 0))
+    height, width = image.valid.shape
+    return replace(image, valid=image.valid & read_scene_mask(mask, (height, width), str(image.path)))
 
 
 def for_matching(pixels: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -23,6 +23,8 @@ WRONG = 4.0  # deviations beyond which a match is wrong, and never under LEAST_W
 LEAST_WRONG = 0.5  # [px]
 ERRORS = 3.0  # standard errors from which a correction is no accident
 MATTERS = 0.02  # [px] root mean square below which a correction changes nothing
+WRONG_ROWS = 2.5  # [px] distance of the rows from which on a pair is not rectified; see row_limit
+FULL_WIDTH = 1024  # [px] width of images from which on such limits grow with the width
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # of x and y
 
 
@@ -88,6 +90,11 @@ class RowErrors:
             "points": self.points, "median_px": round(self.median, 4), "percentile_95_px": round(self.most, 4),
             "offset_px": round(self.offset, 4),
         }  # fmt: skip
+
+
+def row_limit(limit: float, width: int) -> float:
+    """Return a limit on the distance of rows [px] for images of a width [px]."""
+    return limit * max(1.0, width / FULL_WIDTH)
 
 
 def row_errors(left: np.ndarray, right: np.ndarray) -> RowErrors:

@@ -35,7 +35,7 @@ def layers(elevation: ElevationMap, ground: Traversability) -> dict[str, np.ndar
         ground: What the rover may drive over.
     """
     measured, nan = elevation.measured, np.float32(np.nan)
-    known = _known(elevation, ground)
+    valid = _valid(elevation, ground)
     code = np.where(ground.blocked, BLOCKED, np.where(ground.inflated, NEAR, FREE))
     return {
         "elevation": np.where(measured, elevation.low, nan),
@@ -44,7 +44,7 @@ def layers(elevation: ElevationMap, ground: Traversability) -> dict[str, np.ndar
         "slope_deg": np.where(measured, np.rad2deg(ground.slope), nan).astype(np.float32),
         "roughness": np.where(measured, ground.roughness, nan),
         "cost": np.where(measured, ground.cost, nan),
-        "traversability": np.where(known, code, UNKNOWN).astype(np.uint8),
+        "traversability": np.where(valid, code, UNKNOWN).astype(np.uint8),
     }
 
 
@@ -81,7 +81,7 @@ def window_of(
         places: (N, 2) places of the cameras in the world [m].
         origin: Place of the world's origin in the coordinates of the files: east and north [m].
     """
-    shown = np.asarray(_known(elevation, ground))
+    shown = np.asarray(_valid(elevation, ground))
     cells = np.concatenate([np.argwhere(shown)[:, ::-1], elevation.cell_of(places)])  # ix, iy
     (left, low), (right, high) = cells.min(axis=0), cells.max(axis=0) + 1
     west, south = (
@@ -139,7 +139,7 @@ def class_colours(elevation: ElevationMap, ground: Traversability) -> np.ndarray
     return colours.astype(np.uint8)
 
 
-def _known(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
+def _valid(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
     return np.asarray(elevation.measured | ground.blocked)
 
 
@@ -159,7 +159,7 @@ def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
     normal = np.stack([-dx, -dy, np.ones_like(dx)], axis=-1)
     light = np.clip(normal @ SUN / np.linalg.norm(normal, axis=-1) / SUN[2], 0.4, 1.4)
     edge = cv2.erode(elevation.measured.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0  # beside it, heights are none
-    colours *= np.where(edge | ~_known(elevation, ground), 1.0, light)[..., None]
+    colours *= np.where(edge | ~_valid(elevation, ground), 1.0, light)[..., None]
     return np.clip(colours, 0, 255).astype(np.uint8)
 
 

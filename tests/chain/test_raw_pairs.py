@@ -10,7 +10,7 @@ from m3depth.rectification.raw_image import read_raw_pair
 from m3depth.rectification.row_errors import fit_rows
 from marssim import generate
 from marssim.base.calibration.calibration_files import FORMS
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import read_raw_calibration
 from marssim.base.dataset.sample import RAW
 from marssim.dataset import StereoDataset
 
@@ -39,7 +39,7 @@ def data(tmp_path_factory):
 def test_rows_and_depth_of_a_raw_pair_that_is_rectified_are_those_of_the_truth(data, form):
     sample = StereoDataset(data)[0]
     images = read_raw_pair(*(data / "scenes/00000/00" / name for name in RAW))
-    cameras = fitting(read_pair([data / "calibration" / name for name in FORMS[form]]), *images)
+    cameras = fitting(read_raw_calibration([data / "calibration" / name for name in FORMS[form]]), *images)
     pair = rectify_pair(*images, cameras, shift=0.0)
     c, due = pair.view.left, sample.rig.camera
     assert [c.fx, c.fy, c.cx, c.cy] == pytest.approx([due.fx, due.fy, due.cx, due.cy], abs=1e-6)

@@ -273,7 +273,8 @@ def test_every_sample_is_named_and_explained(exports, name):
     index = json.loads((exports[name] / "samples.json").read_text())
     assert {k: len(v) for k, v in index.items()} == {"train": 4, "test": 2, "val": 2}
     assert index["test"] == ["00001/00", "00001/01"]
-    assert LAYOUTS[name].about in (exports[name] / "README.md").read_text()
+    about = (exports[name] / "README.md").read_text()
+    assert LAYOUTS[name].about in about and "Disparity is x_left - x_right" in about and "`samples.json` lists" in about
 
 
 # --- going on, and mistakes -------------------------------------------------------------------------------------------

@@ -52,7 +52,9 @@ def test_each_scene_is_a_bag_in_the_folder_of_its_split(bags, closed_form_set):
         "train/00000", "train/00003", "val/00002", "test/00001"
     }  # fmt: skip
     assert sum(map(len, read_json(bags / "samples.json").values())) == 8
-    assert "/stereo/left/image_rect" in (bags / "README.md").read_text() and not list(bags.rglob(".*.part"))
+    about = (bags / "README.md").read_text()
+    assert "/stereo/left/image_rect" in about and "`samples.json` lists" in about and "isparity" not in about
+    assert not list(bags.rglob(".*.part"))
 
 
 def test_a_bag_holds_images_cameras_depth_and_poses_of_its_views(bags, closed_form_set):

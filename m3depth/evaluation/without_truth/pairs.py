@@ -11,7 +11,7 @@ import numpy as np
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners
 from m3depth.datasets.image_files import read_pair
-from m3depth.datasets.pair_files import Rig, Rigs
+from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.prediction.masks import is_valid_mask
 from marssim.base.calibration.rectified import align_right
@@ -32,7 +32,7 @@ class ImagePair:
     name: str
     left: Path
     right: Path
-    calibration: Rig
+    calibration: CalibrationReader
 
     def read(self) -> tuple[np.ndarray, np.ndarray, StereoRig]:
         """Return both images, uint8, the right one without the difference of the eyes' principal points, and the rig.
@@ -69,7 +69,7 @@ def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:
     return list(_pairs(root, config, rigs or FileRig))
 
 
-def _pairs(root: Path, config: DataConfig, rigs: Rigs) -> Iterator[ImagePair]:
+def _pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[ImagePair]:
     assert config.left is not None and config.right is not None
     for left, right in partners(root, (config.left, config.right), is_valid_mask):
         name = left.relative_to(root).with_suffix("").as_posix()

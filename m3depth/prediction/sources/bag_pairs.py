@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.datasets.image_files import as_pair
-from m3depth.datasets.pair_files import Rig
+from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.prediction.masks import read_valid
 from m3depth.prediction.options import Rectify
 from m3depth.prediction.sources.raw_eye import RawEye
@@ -58,7 +58,8 @@ class BagPairs:
         infos: Topics of their CameraInfo; None for those beside the images.
         tolerance: Largest difference of two stamps of a pair [s].
         needs_infos: Whether the bag must have a CameraInfo of both eyes.
-        rectify: Whether raw images are rectified: auto does so unless the name of their topic says that they are not.
+        rectify: Whether images whose CameraInfo has a distortion or a rotation are rectified: auto does so where the
+            name of the topic does not say that they are rectified, always whatever it says.
         masks: Masks of the left images, or of both eyes, as they are in the bag; images that are rectified here take
             them with them.
 
@@ -96,7 +97,7 @@ class BagPairs:
         sides = ((t.left, t.left_info), (t.right, t.right_info)) if needs_infos else ()
         of_eyes = [*masks, None, None]
         self._eyes = [self._read_eyes(*side, rectify, mask) for side, mask in zip(sides, of_eyes)]
-        self._infos = self._calibrations() if needs_infos else []
+        self._of_pairs = self._calibrations() if needs_infos else []
         self.is_raw = any(eye.raw is not None for eyes in self._eyes for eye in eyes)
         if self.is_raw:
             print(f"note: the images of {t.left} and {t.right} are rectified as their CameraInfo say", file=sys.stderr)
@@ -140,10 +141,9 @@ class BagPairs:
                 raise DatasetError(f"{where}: {error}") from None
         return as_pair(images[0][0], images[1][0], images[0][1], images[1][1])
 
-    def calibration(self, number: int) -> Rig:
-        """Return what gives the calibration of a pair: the last one before it, or the first."""
-        at = bisect_right(self._infos, self.stamp(number), key=lambda item: item[0])
-        calibration = self._infos[max(at - 1, 0)][1]
+    def calibration(self, number: int) -> CalibrationReader:
+        """Return what gives the calibration of a pair: by the last CameraInfo of each eye before it, or the first."""
+        calibration = self._of_pairs[number]
         return lambda width, height: calibration
 
     def pose(self, number: int) -> np.ndarray | None:
@@ -165,24 +165,29 @@ class BagPairs:
 
     def _eye(self, side: int, stamp: int) -> _Eye | None:
         """Return an eye (0 is the left one) at a time [ns]: by its last CameraInfo before, or the first."""
-        eyes = self._eyes[side] if self._eyes else []
-        at = bisect_right(eyes, stamp, key=lambda eye: eye.stamp)
-        return eyes[max(at - 1, 0)] if eyes else None
+        return self._eyes[side][self._place(side, stamp)] if self._eyes else None
 
-    def _calibrations(self) -> list[tuple[int, Calibration]]:
-        """Return a calibration for each CameraInfo of the left eye that differs from the one before, with its stamp.
+    def _place(self, side: int, stamp: int) -> int:
+        """Return the place of such an eye in the list of its side."""
+        return max(bisect_right(self._eyes[side], stamp, key=lambda eye: eye.stamp) - 1, 0)
+
+    def _calibrations(self) -> list[Calibration]:
+        """Return the calibration of each pair.
 
         Raises:
             DatasetError: The eyes are exchanged, or their CameraInfo have no baseline.
         """
+        made: dict[tuple[int, int], Calibration] = {}  # by the places of both eyes in their lists
         calibrations = []
-        for left in self._eyes[0]:
-            right = self._eye(1, left.stamp)
-            assert right is not None
-            try:
-                calibrations.append((left.stamp, calibration_of_infos(left.info, right.info)))
-            except ValueError as error:
-                raise DatasetError(f"{self.bag.path}, {self.topics.left_info}: {error}") from None
+        for entries in self._pairs:
+            first, second = (self._place(side, entry.stamp) for side, entry in enumerate(entries))
+            if (first, second) not in made:
+                left, right = self._eyes[0][first], self._eyes[1][second]
+                try:
+                    made[first, second] = calibration_of_infos(left.info, right.info)
+                except ValueError as error:
+                    raise DatasetError(f"{self.bag.path}, {self.topics.left_info}: {error}") from None
+            calibrations.append(made[first, second])
         return calibrations
 
     def _read_eyes(self, image: str, topic: str | None, rectify: Rectify, mask: Path | None) -> list[_Eye]:
@@ -203,11 +208,9 @@ class BagPairs:
                 "or give a calibration file with --calib"
             )
         eyes: list[_Eye] = []
-        last = b""
+        last: tuple[Any, ...] = ()
         for _, message in self.bag.messages([topic]):
-            content = b"".join(
-                np.asarray(values, float).tobytes() for values in (message.p, message.k, message.d, message.r)
-            )
+            content = _content(message)
             if content == last:
                 continue
             last = content
@@ -225,3 +228,13 @@ class BagPairs:
         if not eyes:
             raise DatasetError(f"{self.bag.path}: has lost the messages of {topic}, of which its index speaks")
         return sorted(eyes, key=lambda eye: eye.stamp)
+
+
+def _content(message: Any) -> tuple[Any, ...]:
+    """Return what a CameraInfo says about its camera and its images."""
+    values = b"".join(np.asarray(x, float).tobytes() for x in (message.p, message.k, message.d, message.r))
+    roi = message.roi
+    return (
+        values, message.distortion_model, message.width, message.height, message.binning_x, message.binning_y,
+        roi.x_offset, roi.y_offset, roi.width, roi.height,
+    )  # fmt: skip

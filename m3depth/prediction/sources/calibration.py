@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from m3depth.datasets.pair_files import Rig
+from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.prediction.options import PredictOptions
+from m3depth.rectification.files import REPORT, rig_beside
 from marssim.base.calibration.rectified import Calibration, read_calibration
 from marssim.base.camera import WIDEST_BASELINE
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
 MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
-RIG = "rig.json"  # that m3depth.rectify writes beside the images
 
 
 def make_calibration(
-    options: PredictOptions, height: int, width: int, image: Path, pair_calibration: Rig | None = None
+    options: PredictOptions, height: int, width: int, image: Path, pair_calibration: CalibrationReader | None = None
 ) -> Calibration:
     """Return the calibration that the flags and the calibration file give.
 
@@ -35,11 +35,11 @@ def make_calibration(
         ValueError: A flag or the file cannot be used; the message names it.
     """
     files = options.calib
-    if not files and pair_calibration is None and (beside := image.with_name(RIG)).is_file():
+    if not files and pair_calibration is None and (beside := rig_beside(image)).is_file():
         files = (beside,)
     for flag, value in (("--focal", options.focal), ("--baseline", options.baseline)):
         if value is None and not files and pair_calibration is None:
-            aligned = image.with_name("report.json")  # of m3depth.rectify, which wrote no RIG
+            aligned = image.with_name(REPORT)  # of m3depth.rectify, which wrote no rig file
             reason = f" (nothing gave {image.parent} a scale, see {aligned.name})" if aligned.is_file() else ""
             raise ValueError(f"{flag} is missing{reason}: give it, or a calibration file with --calib")
     for flag, value, side in (("--cx", options.cx, width), ("--cy", options.cy, height)):

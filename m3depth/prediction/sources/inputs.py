@@ -19,12 +19,12 @@ from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
-from m3depth.prediction.sources.calibration import RIG
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.prediction.sources.poses import read_poses, rover_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
+from m3depth.rectification.files import RIG_FILE, rig_beside
 from m3depth.rectification.product_names import is_product, right_of
 from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
@@ -131,13 +131,12 @@ class Inputs:
         for pair in self.pairs:
             if isinstance(pair.calibration, FileRig):
                 others.append(pair.calibration.file)
-            if (images := self.files(pair)) is not None:
-                beside = (images[0].with_name(RIG), *map(valid_mask, images))
-                others += [path for path in beside if path.is_file()]
+            beside = (rig_beside(pair.given[0]), *map(valid_mask, self.files(pair) or ()))
+            others += [path for path in beside if path.is_file()]
         return {
             **state,
             "images": state_of_files(files if self.recording is None else self.recording.paths),
-            "calibration, masks and poses": state_of_files(others),
+            "calibration, masks and poses": state_of_files(dict.fromkeys(others)),
         }
 
 
@@ -147,6 +146,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
     Raises:
         DatasetError: A source holds no pairs, or an image lacks its partner; the message names it.
         FileNotFoundError: A file is missing.
+        ImportError: A bag, and `rosbags` is not installed.
         ValueError: A source cannot be used, or the poses are not as many as the pairs.
     """
     for mask in options.mask:
@@ -157,6 +157,8 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError("--every is for videos and bags: it takes every n-th pair")
     if options.camera_info and not isinstance(inputs.recording, BagPairs):
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
+    if isinstance(inputs.recording, BagPairs) and options.poses is not None:
+        _check_poses_of_bag(options)
     if not inputs.pairs:
         raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:
@@ -180,6 +182,15 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
     files = (*options.calib, *options.mask, *([] if options.poses is None else [options.poses]))
     return replace(inputs, flag_files=files)
+
+
+def _check_poses_of_bag(options: PredictOptions) -> None:
+    """Raise ValueError for clouds in the world of --poses in a bag, whose frames do not hold it."""
+    if options.cloud_frame == "world" and {"bag", "cloud"} <= set(options.write):
+        raise ValueError(
+            f"--cloud-frame world: the clouds would be in the world of {options.poses}, which is no frame of the bag; "
+            "leave bag out of --write, or --poses"
+        )
 
 
 def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:
@@ -218,7 +229,7 @@ def _find(options: PredictOptions) -> Inputs:
         return Inputs(tuple(_numbered(_listed(source))))
     if (source / "left.png").is_file() and (source / "right.png").is_file():
         return Inputs((PairInput("", source / "left.png", source / "right.png"),), single=True)
-    if options.format == "auto" and any(source.glob("*/rig.json")) and any(source.glob("*/left.png")):
+    if options.format == "auto" and any(source.glob(f"*/{RIG_FILE}")) and any(source.glob("*/left.png")):
         pairs = (PairInput(a.parent.name, a, b) for a, b in partners(source, ("*/left.png", "*/right.png")))
         return Inputs(tuple(_numbered(pairs)))
     if options.format == "auto" and (products := find_products(source)):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from m3depth.datasets.pair_files import Rig
+from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.rectification.checked import CheckedPair
 
 
@@ -31,7 +31,7 @@ class PairInput:
     name: str
     left: Path
     right: Path
-    calibration: Rig | None = None
+    calibration: CalibrationReader | None = None
     number: int = 0
     sample: Path | None = None
     pose: np.ndarray | None = None

@@ -13,17 +13,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.calibration import RIG
+from m3depth.rectification.files import ROVER_KEY, rig_beside
 from marssim.base.calibration.bounded_text import read_text
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.pose import FARTHEST, recorded_pose
 from marssim.base.rover_spec import ZHURONG
 
-ROVER_KEY = "camera_to_rover"  # in a rig file
 TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
 
 
-def camera_to_rover(mount: Sequence[float], baseline: float) -> np.ndarray:
+def mounted_camera_pose(mount: Sequence[float], baseline: float) -> np.ndarray:
     """Return the pose of the left camera on the rover: (4, 4) camera to rover.
 
     Args:
@@ -51,10 +50,10 @@ def rover_pose(options: PredictOptions, image: Path, baseline: float, recorded: 
         DatasetError: The rig file holds something else than a pose.
     """
     if options.mount is not None:
-        return camera_to_rover(options.mount, baseline)
+        return mounted_camera_pose(options.mount, baseline)
     if recorded is not None:
         return recorded
-    file = options.calib[0] if options.calib else image.with_name(RIG)
+    file = options.calib[0] if options.calib else rig_beside(image)
     content = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
     if content is None:
         return ZHURONG.mount.left_eye(baseline)

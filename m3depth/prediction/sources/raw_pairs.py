@@ -16,13 +16,19 @@ from m3depth.datasets.rigs import NATECAM_NAME
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.rectification.checked import rectified
-from m3depth.rectification.files import camera_to_rover
+from m3depth.rectification.files import labelled_camera_pose
 from m3depth.rectification.options import RectifyOptions
 from m3depth.rectification.placing import rectified_to_raw, rectified_to_rover
 from m3depth.rectification.product_names import SUFFIXES, is_product, left_products, right_of
 from m3depth.rectification.raw_image import RawImage, read_raw_pair
 from marssim.base.calibration.orientation import common_orientation
-from marssim.base.calibration.read_pair import has_label, is_of_raw_cameras, labelled_pair, read_label, read_pair
+from marssim.base.calibration.read_pair import (
+    has_label,
+    is_of_raw_cameras,
+    labelled_pair,
+    read_label,
+    read_raw_calibration,
+)
 
 FOLDER = "rectified"  # in the folder of a pair's results
 
@@ -139,7 +145,7 @@ class RawPairs:
             pair = replace(pair, calibration=lambda width, height: calibration)
         if result.view is not None and result.cameras is not None:
             pair = replace(pair, raw_frame=rectified_to_raw(result.cameras, result.view.rotation))
-        if (on_rover := camera_to_rover(result)) is not None:
+        if (on_rover := labelled_camera_pose(result)) is not None:
             pair = replace(pair, on_rover=on_rover)
         first, second = as_pair(result.left, result.right, *labels)
         return ReadPair(pair, first, second, (result.left_valid, result.right_valid), checked)
@@ -153,7 +159,7 @@ class RawPairs:
         if self.keeps_geometry:
             return pair
         if self.options.calib:
-            cameras = read_pair(self.options.calib, self.options.raw.fisheye)
+            cameras = read_raw_calibration(self.options.calib, self.options.raw.fisheye)
         else:
             cameras = labelled_pair([read_label(path) for path in pair.given], pair.given)
         rotation = common_orientation(cameras)

@@ -13,7 +13,7 @@ class Recording(Protocol):
 
     Attributes:
         paths: The files.
-        rate: Pairs a second; 0 if it is not known, or below 1.
+        rate: Pairs a second; 0 if unknown.
     """
 
     paths: tuple[Path, ...]

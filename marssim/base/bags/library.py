@@ -40,12 +40,12 @@ def check_definition(kind: str, definition: Any) -> None:
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import get_types_from_msg
 
-    known = typestore().fielddefs
-    if kind not in known:
+    definitions = typestore().fielddefs
+    if kind not in definitions:
         raise ValueError(f"{kind} is no type of ROS 2 Jazzy")
     if definition.format == MessageDefinitionFormat.MSG:
         for name, (_, fields) in get_types_from_msg(definition.data, kind).items():
-            if name in known and _lowered(fields) != _lowered(known[name][1]):
+            if name in definitions and _lowered(fields) != _lowered(definitions[name][1]):
                 raise ValueError(f"{name} has other fields than in ROS 2 Jazzy")
 
 

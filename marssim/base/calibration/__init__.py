@@ -9,5 +9,5 @@ product_label.py, pds3_label.py, pds4_label.py, zhurong.py    labels of rovers' 
 rectified.py       reads calibrations of rectified pairs
 rig_file.py        rigs for the simulator: lenses, vergence and rotations, or a calibration of a raw pair
 calibration_files.py        writes the calibration of such a rig in every form that holds its lenses
-bounded_text.py, fields.py         parsers for files of strangers, and their numbers
+bounded_text.py, fields.py         parsers for untrusted files, and checks of their numbers
 """

@@ -1,4 +1,4 @@
-"""Parsers for YAML, JSON and XML of strangers: with a limit on size and depth, and without anything that is executed.
+"""Parsers for untrusted YAML, JSON and XML, with limits on size and depth; nothing in the file is executed.
 
 OpenCV's own parser ends the process on deeply nested files, so its files are read here too.
 """
@@ -34,7 +34,7 @@ _Loader.add_multi_constructor(
 
 
 def read_text(path: Path, what: str = "calibration file") -> str:
-    """Read a text file of strangers.
+    """Read an untrusted text file.
 
     Args:
         path: The file.
@@ -59,7 +59,7 @@ def parse_yaml(text: str) -> dict[str, Any]:
     """Parse YAML, also OpenCV's, whose header is not YAML's.
 
     Raises:
-        ValueError: The text is no mapping in YAML, has anchors, or is nested too deeply.
+        ValueError: The text is no mapping in YAML, has aliases, or is nested too deeply.
     """
     text = re.sub(r"\A%YAML[^\n]*\n", "", text)
     level = 0

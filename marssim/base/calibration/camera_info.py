@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.cameras import PosedCamera, PosedPair, nearest_rotation
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.opencv_file import intrinsics, lens_of
@@ -67,7 +67,7 @@ def parse_camera_info(text: str) -> CameraInfo:
     return CameraInfo(projection, _size(text))
 
 
-def raw_camera(text: str) -> PosedCamera:
+def parse_raw_camera(text: str) -> PosedCamera:
     """Read the camera of a CameraInfo as it was built, in the frame of the rectified left camera.
 
     Raises:
@@ -82,7 +82,7 @@ def raw_camera(text: str) -> PosedCamera:
     match = _DISTORTION.search(text)
     terms = np.zeros(0)
     if match is not None:
-        terms = of.numbers(re.findall(NUMBER, match[1] or match[2] or ""), "distortion_coefficients")
+        terms = fields.numbers(re.findall(NUMBER, match[1] or match[2] or ""), "distortion_coefficients")
     turn = nearest_rotation(_matrix(text, _ROTATION, "rectification_matrix", (3, 3))).T
     centre = np.array([-info.projection[0, 3] / info.projection[0, 0], 0, 0])
     return PosedCamera(lens_of(k, terms, MODELS.get(model, False)), turn, centre, info.size)
@@ -127,7 +127,7 @@ def _matrix(text: str, pattern: re.Pattern[str], name: str, shape: tuple[int, in
     match = pattern.search(text)
     if match is None:
         raise ValueError(f"lacks the {name} of a CameraInfo of ROS")
-    values = of.numbers(re.findall(NUMBER, match[1] or match[2] or ""), name)
+    values = fields.numbers(re.findall(NUMBER, match[1] or match[2] or ""), name)
     if len(values) != shape[0] * shape[1]:
         raise ValueError(f"{name} must have {shape[0] * shape[1]} numbers, has {len(values)}")
     return values.reshape(shape)

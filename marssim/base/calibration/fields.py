@@ -1,13 +1,15 @@
-"""Numbers and matrices of calibration files, with one line that names the field where something is wrong."""
+"""Numbers and matrices of calibration files, with one line that names file and field where something is wrong."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 LARGEST = 1e12  # of any number in a calibration
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
 
 
 def first_of(fields: Mapping[str, Any], names: Sequence[str]) -> str | None:
@@ -72,6 +74,33 @@ def numbers(values: Any, name: str) -> np.ndarray:
     if not (np.abs(array) <= LARGEST).all():
         raise ValueError(f"field {name} has a value that is no finite number")
     return array
+
+
+def read_in(
+    place: object, read: Callable[_Arguments, _Result], *args: _Arguments.args, **flags: _Arguments.kwargs
+) -> _Result:
+    """Return what a function reads.
+
+    Args:
+        place: The file, or the part of a file, that it reads.
+        read: The function.
+        *args, **flags: Its arguments.
+
+    Raises:
+        ValueError: As the function does; the message begins with the place.
+    """
+    try:
+        return read(*args, **flags)
+    except ValueError as error:
+        raise ValueError(message_in([place], error)) from None
+
+
+def message_in(places: Sequence[object], error: ValueError) -> str:
+    """Return the message of an error, with the places that it is about in front unless it begins with one of them."""
+    message = str(error)
+    if message.startswith(tuple(f"{place}{end}" for place in places for end in (": ", " and "))):
+        return message
+    return f"{' and '.join(map(str, places))}: {message}"
 
 
 def size(fields: Mapping[str, Any], pairs: Sequence[str] = (), sides: Sequence[tuple[str, str]] = ()) -> Any:

@@ -7,31 +7,31 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.cameras import PosedPair, first_camera, second_camera
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.lenses.lens import Lens
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 
 
-def is_kalibr(fields: Mapping[str, Any]) -> bool:
+def is_kalibr(content: Mapping[str, Any]) -> bool:
     """Return whether the fields of a YAML file are a camchain."""
-    return isinstance(fields.get("cam0"), Mapping) and "camera_model" in fields["cam0"]
+    return isinstance(content.get("cam0"), Mapping) and "camera_model" in content["cam0"]
 
 
-def pair_of_kalibr(fields: Mapping[str, Any]) -> PosedPair:
+def pair_of_kalibr(content: Mapping[str, Any]) -> PosedPair:
     """Return the cameras cam0 (left) and cam1 (right) of a camchain.
 
     Raises:
         ValueError: A field is missing or malformed, or a model is not pinhole with radtan, equidistant or none.
     """
-    if not isinstance(fields.get("cam1"), Mapping):
+    if not isinstance(content.get("cam1"), Mapping):
         raise ValueError("field cam1 is missing: a camchain of one camera is no pair")
     lenses, sizes = [], []
     for eye in ("cam0", "cam1"):
-        lenses.append(_named(eye, _lens, fields[eye]))
-        sizes.append(_named(eye, of.size, fields[eye], ("resolution",)))
-    transform = _named("cam1", of.matrix, fields["cam1"], "T_cn_cnm1", (4, 4))
+        lenses.append(fields.read_in(eye, _lens, content[eye]))
+        sizes.append(fields.read_in(eye, fields.size, content[eye], ("resolution",)))
+    transform = fields.read_in("cam1", fields.matrix, content["cam1"], "T_cn_cnm1", (4, 4))
     return PosedPair(
         first_camera(lenses[0], sizes[0]), second_camera(lenses[1], transform[:3, :3], transform[:3, 3], sizes[1])
     )
@@ -68,14 +68,6 @@ def kalibr_text(pair: PosedPair) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _named(eye: str, read: Any, *args: Any) -> Any:
-    """Read a field of one camera, and name the camera in an error."""
-    try:
-        return read(*args)
-    except ValueError as error:
-        raise ValueError(f"{eye}: {error}") from None
-
-
 def _lens(camera: Mapping[str, Any]) -> Lens:
     model, distortion = camera.get("camera_model"), camera.get("distortion_model", "none")
     if model != "pinhole" or distortion not in ("radtan", "equidistant", "none"):
@@ -83,10 +75,10 @@ def _lens(camera: Mapping[str, Any]) -> Lens:
             f"camera_model {model} with distortion_model {distortion} is not supported; "
             "pinhole with radtan, equidistant or none is"
         )
-    fx, fy, cx, cy = (float(x) for x in of.matrix(camera, "intrinsics", (4,)))
+    fx, fy, cx, cy = (float(x) for x in fields.matrix(camera, "intrinsics", (4,)))
     if distortion == "none":
         return RadialTangential(fx, fy, cx, cy)
-    terms = tuple(float(x) for x in of.matrix(camera, "distortion_coeffs", (4,)))
+    terms = tuple(float(x) for x in fields.matrix(camera, "distortion_coeffs", (4,)))
     return (Fisheye if distortion == "equidistant" else RadialTangential)(fx, fy, cx, cy, terms)
 
 

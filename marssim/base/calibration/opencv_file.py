@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import parse_json, parse_xml, parse_yaml
 from marssim.base.calibration.cameras import PosedCamera, PosedPair, nearest_rotation, second_camera
 from marssim.base.calibration.lenses.fisheye import Fisheye
@@ -28,6 +28,11 @@ NAMES = {
     "R": ("R", "rotation", "rotation_matrix"),
     "T": ("T", "translation", "translation_vector", "t"),
 }
+# names of a distortion_model that are accepted
+PINHOLES = (
+    "radtan", "plumb_bob", "rational_polynomial", "pinhole", "radial-tangential", "radial_tangential", "brown-conrady",
+    "brown_conrady", "none",
+)  # fmt: skip
 FISHEYES = ("fisheye", "equidistant", "kannala-brandt", "kannala_brandt")
 SIZES = ("imageSize", "image_size", "img_size", "size", "resolution")
 SIDES = (("image_width", "image_height"), ("width", "height"), ("image_Width", "image_Height"))
@@ -45,38 +50,43 @@ def parse_opencv(text: str) -> dict[str, Any]:
     return parse_json(text) if text.lstrip().startswith("{") else parse_yaml(text)
 
 
-def is_opencv(fields: Mapping[str, Any]) -> bool:
+def is_opencv(content: Mapping[str, Any]) -> bool:
     """Return whether a file holds a part of a calibration with OpenCV's names."""
-    return any(of.first_of(fields, NAMES[name]) for name in ("K1", "K2")) or {"R", "T"} <= fields.keys()
+    return any(fields.first_of(content, NAMES[name]) for name in ("K1", "K2")) or {"R", "T"} <= content.keys()
 
 
-def pair_of_opencv(fields: Mapping[str, Any], fisheye: bool = False) -> PosedPair:
+def pair_of_opencv(content: Mapping[str, Any], fisheye: bool = False) -> PosedPair:
     """Return the cameras of a calibration.
 
     Args:
-        fields: The fields of the file, or of two, such as intrinsics.yml and extrinsics.yml.
+        content: The fields of the file, or of two, such as intrinsics.yml and extrinsics.yml.
         fisheye: Take four coefficients for those of cv2.fisheye, even if the file does not say so.
 
     Raises:
-        ValueError: A field is missing or malformed.
+        ValueError: A field is missing or malformed, or the distortion_model is not supported.
     """
-    kind = str(fields.get(of.first_of(fields, ("distortion_model", "model", "lens")) or "", "")).lower()
-    fisheye = fisheye or kind in FISHEYES or str(fields.get("fisheye", "0")).lower() in ("1", "true")
-    size = of.size(fields, SIZES, SIDES)
-    lenses = [_lens(fields, NAMES[f"K{eye}"], NAMES[f"D{eye}"], fisheye) for eye in (1, 2)]
-    if of.first_of(fields, NAMES["R"]) and of.first_of(fields, NAMES["T"]):
-        rotation = of.matrix(fields, NAMES["R"], (3, 3), (3,))
+    named = str(content.get("distortion_model") or "").lower()
+    if named and named not in (*PINHOLES, *FISHEYES):
+        raise ValueError(
+            f"distortion_model {named} is not supported; radtan, plumb_bob, rational_polynomial and fisheye are"
+        )
+    kind = named or str(content.get(fields.first_of(content, ("model", "lens")) or "", "")).lower()
+    fisheye = fisheye or kind in FISHEYES or str(content.get("fisheye", "0")).lower() in ("1", "true")
+    size = fields.size(content, SIZES, SIDES)
+    lenses = [_lens(content, NAMES[f"K{eye}"], NAMES[f"D{eye}"], fisheye) for eye in (1, 2)]
+    if fields.first_of(content, NAMES["R"]) and fields.first_of(content, NAMES["T"]):
+        rotation = fields.matrix(content, NAMES["R"], (3, 3), (3,))
         if rotation.shape == (3,):  # a vector of Rodrigues
             rotation = rodrigues(rotation)
         return PosedPair(
             PosedCamera(lenses[0], np.eye(3), np.zeros(3), size),
-            second_camera(lenses[1], rotation, of.matrix(fields, NAMES["T"], (3,)), size),
+            second_camera(lenses[1], rotation, fields.matrix(content, NAMES["T"], (3,)), size),
         )
-    if all(of.first_of(fields, (name,)) for name in ("R1", "R2", "P2")):
-        p2 = of.matrix(fields, "P2", (3, 4))
+    if all(fields.first_of(content, (name,)) for name in ("R1", "R2", "P2")):
+        p2 = fields.matrix(content, "P2", (3, 4))
         if not p2[0, 0] > 0:
             raise ValueError("field P2 has no positive focal length")
-        turns = [nearest_rotation(of.matrix(fields, name, (3, 3))).T for name in ("R1", "R2")]
+        turns = [nearest_rotation(fields.matrix(content, name, (3, 3))).T for name in ("R1", "R2")]
         centre = np.array([-p2[0, 3] / p2[0, 0], 0, 0])
         return PosedPair(
             PosedCamera(lenses[0], turns[0], np.zeros(3), size), PosedCamera(lenses[1], turns[1], centre, size)
@@ -147,17 +157,17 @@ def rodrigues(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def _lens(fields: Mapping[str, Any], k_names: tuple[str, ...], d_names: tuple[str, ...], fisheye: bool) -> Lens:
-    k = of.matrix(fields, k_names, (3, 3))
-    name = of.first_of(fields, d_names)
+def _lens(content: Mapping[str, Any], k_names: tuple[str, ...], d_names: tuple[str, ...], fisheye: bool) -> Lens:
+    k = fields.matrix(content, k_names, (3, 3))
+    name = fields.first_of(content, d_names)
     terms = np.zeros(0)
     if name is not None:
         shapes = [(count,) for count in ((4,) if fisheye else (4, 5, 8, 12, 14, 0))]
-        terms = of.matrix(fields, name, *shapes)
+        terms = fields.matrix(content, name, *shapes)
     try:
         return lens_of(k, terms, fisheye)
     except ValueError as error:
-        raise ValueError(f"field {of.first_of(fields, k_names)}: {error}") from None
+        raise ValueError(f"field {fields.first_of(content, k_names)}: {error}") from None
 
 
 def _value(node: Element) -> Any:

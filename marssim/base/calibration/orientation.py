@@ -99,8 +99,8 @@ def rectified_view(
     if focal is not None:
         return view(focal)
     scale = np.sqrt(width * height / (pair.left.size[0] * pair.left.size[1]))
-    own = float(scale * min(pair.left.lens.focal(), pair.right.lens.focal()))
-    low, high = LEAST_FOCAL * own, own
+    lens_focal = float(scale * min(pair.left.lens.focal(), pair.right.lens.focal()))
+    low, high = LEAST_FOCAL * lens_focal, lens_focal
     if _is_filled(pair, view(low)):
         return view(low)
     for _ in range(12):
@@ -141,8 +141,8 @@ def _is_filled(pair: PosedPair, view: RectifiedView) -> bool:
             [np.stack(np.broadcast_arrays(u, edge), -1) for edge in (0, ideal.height - 1)]
             + [np.stack(np.broadcast_arrays(edge, v), -1) for edge in (0, ideal.width - 1)]
         )
-        seen = camera.project_directions(directions(ideal, view.rotation, border))
+        pixels = camera.project_directions(directions(ideal, view.rotation, border))
         with np.errstate(invalid="ignore"):
-            inside = (seen >= -0.5).all(-1) & (seen <= np.array(camera.size) - 0.5).all(-1)
+            inside = (pixels >= -0.5).all(-1) & (pixels <= np.array(camera.size) - 0.5).all(-1)
         shares.append(inside.mean())
     return min(shares) >= FILLED

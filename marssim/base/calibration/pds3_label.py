@@ -12,15 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import MOST_BYTES
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import Cahvore, linearity_of
-from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_counter, parse_time
+from marssim.base.calibration.product_label import (
+    ProductLabel,
+    eye_of,
+    parse_counter,
+    parse_time,
+    pixel_constants,
+    sample_type,
+)  # fmt: skip
 from marssim.base.command.input_file import check_file
 
 MODEL = "GEOMETRIC_CAMERA_MODEL"
 MODELS = ("CAHV", "CAHVOR", "CAHVORE")
+KINDS = {"REAL": "f", "UNSIGNED": "u", "INTEGER": "i"}  # of numpy, by a word in SAMPLE_TYPE, of which the first counts
+SIZES = {"8": 1, "16": 2, "32": 4, "64": 8}  # [bytes] by SAMPLE_BITS
 _VALUE = r'"[^"]*"|\((?:[^()"]|"[^"]*"|\((?:[^()"]|"[^"]*")*\))*\)|\{[^{}]*\}|[^\r\n]*'
 _STATEMENT = re.compile(rf"^[ \t]*(\^?[A-Za-z][\w:]*)[ \t]*(?:=\s*({_VALUE}))?[ \t]*\r?$", re.MULTILINE)
 _VICAR = re.compile(r"([A-Za-z]\w*)\s*=\s*('(?:[^']|'')*'|\([^)]*\)|[^\s']+)")
@@ -153,21 +162,26 @@ def _plain(value: str) -> Any:
 def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
     image = label.get("IMAGE") if isinstance(label.get("IMAGE"), dict) else {}
     assert isinstance(image, dict)
-    size = of.size(image, sides=[("LINE_SAMPLES", "LINES")])
+    size = fields.size(image, sides=[("LINE_SAMPLES", "LINES")])
     model = label.get(MODEL)
     counter = label.get("ROVER_MOTION_COUNTER", [])
-    missing = [image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image]
-    mask = re.search(r"2#([01]+)#", str(image.get("SAMPLE_BIT_MASK", "")))
+    constants = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
     return ProductLabel(
         camera=_camera(model, size) if isinstance(model, dict) else None,
         size=size,
         start=parse_time(label.get("START_TIME") or label.get("IMAGE_TIME")),
         eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),
         motion=parse_counter(counter),
-        missing=tuple(sorted({float(x) for x in of.numbers(missing, "MISSING_CONSTANT").ravel()})),
-        bits=mask[1].count("1") if mask else None,
+        missing=pixel_constants(constants, _sample_type(image)),
         file_bytes=label.get("file_bytes") or (_file_bytes(label, image) if attached else None),
     )
+
+
+def _sample_type(image: dict[str, Any]) -> np.dtype | None:
+    """Return the type of a pixel, most significant byte first; None if the label does not say it."""
+    name, size = str(image.get("SAMPLE_TYPE", "")).upper(), SIZES.get(str(image.get("SAMPLE_BITS", "")))
+    kind = next((code for word, code in KINDS.items() if word in name and "VAX" not in name), None)
+    return sample_type(kind, size)
 
 
 def _file_bytes(label: dict[str, Any], image: dict[str, Any]) -> int | None:
@@ -189,11 +203,11 @@ def _camera(model: dict[str, Any], size: tuple[int, int] | None) -> PosedCamera:
         raise ValueError(f"{MODEL}: MODEL_TYPE {kind} is not supported; {', '.join(MODELS)} are")
     components = {name: f"MODEL_COMPONENT_{number}" for number, name in enumerate(str(kind), 1)}
     try:
-        vectors = {name: of.matrix(model, field, (3,)) for name, field in components.items()}
+        vectors = {name: fields.matrix(model, field, (3,)) for name, field in components.items()}
         linearity = 1.0
         if kind == "CAHVORE":
-            type_, parameter = (float(of.matrix(model, f"MODEL_COMPONENT_{n}", (1,))[0]) for n in (8, 9))
-            linearity = linearity_of(int(type_) if type_ % 1 == 0 else 0, parameter)
+            type_, parameter = (float(fields.matrix(model, f"MODEL_COMPONENT_{n}", (1,))[0]) for n in (8, 9))
+            linearity = linearity_of(type_, parameter)
         zero = (0.0, 0.0, 0.0)
         r, e = (tuple(float(x) for x in vectors.get(name, zero)) for name in "RE")
         frame = f"{model.get('REFERENCE_COORD_SYSTEM_NAME', '')} {_index(model)}".strip()

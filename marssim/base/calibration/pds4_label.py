@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import parse_xml, read_text
 from marssim.base.calibration.cameras import PosedCamera, from_vectors
 from marssim.base.calibration.lenses.cahvore import linearity_of
-from marssim.base.calibration.product_label import ProductLabel, eye_of, parse_counter, parse_time
+from marssim.base.calibration.product_label import (
+    ProductLabel,
+    eye_of,
+    parse_counter,
+    parse_time,
+    pixel_constants,
+    sample_type,
+)  # fmt: skip
 from marssim.base.calibration.zhurong import camera_of_zhurong, is_zhurong
 
 VECTORS = {
     "Vector_Center": "position", "Vector_Axis": "unit", "Vector_Horizontal": "pixel", "Vector_Vertical": "pixel",
     "Vector_Optical": "unit",
 }  # fmt: skip
+TYPE = re.compile(r"(Unsigned|Signed|IEEE754)(?:[LM]SB)?(Byte|2|4|8|Single|Double)")  # of the elements of an array
+KINDS = {"Unsigned": "u", "Signed": "i", "IEEE754": "f"}  # of numpy
+SIZES = {"Byte": "1", "Single": "4", "Double": "8"}  # [bytes]
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}  # [m] units of positions
 
 
@@ -41,15 +52,16 @@ def read_pds4(path: Path) -> ProductLabel:
             camera = None if parameters is None else _camera(parameters, size)
         counter = root.findall(".//Motion_Counter//index_value_number")
         names = [node.text for node in root.iterfind(".//Observing_System_Component/name")]
-        missing = [
-            node.text for kind in ("missing_constant", "invalid_constant") for node in root.iterfind(f".//{kind}")
-        ]
+        constants = {
+            kind: [node.text or "" for node in root.iterfind(f".//{kind}")]
+            for kind in ("missing_constant", "invalid_constant")
+        }
         return ProductLabel(
             camera, size,
             start=parse_time(root.findtext(".//start_date_time")),
             eye=eye_of(*names),
             motion=parse_counter(node.text for node in counter),
-            missing=tuple(sorted({float(x) for x in of.numbers(missing, "missing_constant").ravel()})),
+            missing=pixel_constants(constants, _sample_type(root)),
         )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -59,8 +71,14 @@ def _size(root: Element) -> tuple[int, int] | None:
     """Return width and height of the first image; None if the label does not say."""
     for image in (node for kind in ("Array_2D_Image", "Array_3D_Image") for node in root.iter(kind)):
         axes = {str(axis.findtext("axis_name")): axis.findtext("elements") for axis in image.iter("Axis_Array")}
-        return of.size(axes, sides=[("Sample", "Line")])
+        return fields.size(axes, sides=[("Sample", "Line")])
     return None
+
+
+def _sample_type(root: Element) -> np.dtype | None:
+    """Return the type of a pixel, most significant byte first; None if the label does not say it."""
+    match = TYPE.fullmatch((root.findtext(".//Element_Array/data_type") or "").strip())
+    return None if match is None else sample_type(KINDS[match[1]], int(SIZES.get(match[2], match[2])))
 
 
 def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
@@ -75,8 +93,8 @@ def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
     if kind == "CAHVORE":
         e = _terms(model, "Entrance_Terms")
         values = {name: model.findtext(f"cahvore_model_{name}") or "0" for name in ("type", "parameter")}
-        type_, parameter = (float(of.matrix(values, name, (1,))[0]) for name in ("type", "parameter"))
-        linearity = linearity_of(int(type_) if type_ % 1 == 0 else 0, parameter)
+        type_, parameter = (float(fields.matrix(values, name, (1,))[0]) for name in ("type", "parameter"))
+        linearity = linearity_of(type_, parameter)
     space = parameters.find(".//Coordinate_Space_Indexed")
     frame = ""
     if space is not None:
@@ -88,7 +106,7 @@ def _camera(parameters: Element, size: tuple[int, int] | None) -> PosedCamera:
 def _vector(model: Element, name: str) -> np.ndarray:
     """Return a vector; a position in metres, whatever its unit in the label."""
     nodes = [model.find(f"{name}/{axis}_{VECTORS[name]}") for axis in "xyz"]
-    vector = of.matrix({name: [None if node is None else node.text for node in nodes]}, name, (3,))
+    vector = fields.matrix({name: [None if node is None else node.text for node in nodes]}, name, (3,))
     if VECTORS[name] != "position":
         return vector
     units = [node.get("unit", "m") for node in nodes if node is not None]
@@ -99,5 +117,5 @@ def _vector(model: Element, name: str) -> np.ndarray:
 
 def _terms(model: Element, name: str) -> tuple[float, float, float]:
     values = {name: [model.findtext(f"{name}/c{i}") for i in range(3)]}
-    a, b, c = (float(x) for x in of.matrix(values, name, (3,)))
+    a, b, c = (float(x) for x in fields.matrix(values, name, (3,)))
     return a, b, c

@@ -9,14 +9,18 @@ Zhurong    .2CL, PDS4 with the mission's own fields
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
+
 from marssim.base.calibration.cameras import PosedCamera
 
 LATEST = timedelta(seconds=60)  # between the images of a pair, which are often taken one after the other
+BASED = re.compile(r"([+-]?)(?:(\d{1,2})#|0x)([0-9A-Za-z]{1,64})#?")  # a number in another base, 16#FF7FFFFB#
+NO_VALUE = ("", "N/A", "NULL", "UNK")  # in place of a number
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,6 @@ class ProductLabel:
         eye: "left", "right", or "" if the label does not say.
         motion: The rover's motion counter, which changes when the rover or its mast moves; empty if unknown.
         missing: Values of pixels that hold no data.
-        bits: Bits of a pixel's value that are used; None if the label does not say.
         file_bytes: Least size of the file that the label is attached to; None if it is detached.
     """
 
@@ -40,11 +43,10 @@ class ProductLabel:
     eye: str = ""
     motion: tuple[int, ...] = ()
     missing: tuple[float, ...] = ()
-    bits: int | None = None
     file_bytes: int | None = None
 
 
-def check_pair(left: ProductLabel, right: ProductLabel, names: tuple[Path, Path]) -> None:
+def check_labels(left: ProductLabel, right: ProductLabel, names: tuple[Path, Path]) -> None:
     """Check that two labels are those of one pair.
 
     Args:
@@ -91,6 +93,54 @@ def eye_of(*texts: object) -> str:
 def parse_counter(texts: Iterable[object]) -> tuple[int, ...]:
     """Return the whole numbers among the texts of a motion counter."""
     return tuple(int(float(str(x))) for x in texts if re.fullmatch(r"-?\d{1,12}(\.0*)?", str(x).strip()))
+
+
+def sample_type(kind: str | None, size: int | None) -> np.dtype | None:
+    """Return the type of a pixel, most significant byte first; None if there is no such type, or it is unknown.
+
+    Args:
+        kind: Letter of numpy: f, i or u.
+        size: Bytes of a pixel.
+    """
+    sizes = (2, 4, 8) if kind == "f" else (1, 2, 4, 8)
+    return np.dtype(f">{kind}{size}") if kind is not None and size in sizes else None
+
+
+def pixel_constants(values: Mapping[str, object], sample: np.dtype | None) -> tuple[float, ...]:
+    """Return the values of pixels that hold no data, by the constants of a label.
+
+    Args:
+        values: The constants, a text or a list of texts each, by the names of their fields.
+        sample: Type of a pixel, most significant byte first. A number in another base, such as 16#FF7FFFFB#, has the
+            bits of this type; None if the label does not say the type.
+
+    Returns:
+        The finite values, in rising order, each once.
+
+    Raises:
+        ValueError: A constant is no number. The message names the field.
+    """
+    found = set()
+    for name, content in values.items():
+        for text in content if isinstance(content, list) else [content]:
+            if str(text).strip().upper() in NO_VALUE:
+                continue
+            try:
+                found.add(_constant(str(text).strip(), sample))
+            except (ValueError, OverflowError):
+                raise ValueError(f"field {name} must hold numbers only, has {str(text).strip()[:40]!r}") from None
+    return tuple(sorted(value for value in found if np.isfinite(value)))
+
+
+def _constant(text: str, sample: np.dtype | None) -> float:
+    """Return the value of a pixel that a constant stands for. Raises ValueError or OverflowError if it is no number."""
+    match = BASED.fullmatch(text)
+    if match is None:
+        return float(text)
+    bits = int(match[3], int(match[2] or 16))
+    if sample is None or match[1]:
+        return float(-bits if match[1] == "-" else bits)
+    return float(np.frombuffer(bits.to_bytes(sample.itemsize, "big"), sample)[0])
 
 
 def _counter(motion: tuple[int, ...]) -> str:

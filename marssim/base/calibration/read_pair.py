@@ -10,13 +10,16 @@ others     a calibration of a rectified pair (rectified.py), as two pinhole came
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from marssim.base.calibration.bounded_text import parse_yaml, read_text
-from marssim.base.calibration.camera_info import is_camera_info, raw_camera
+from marssim.base.calibration.camera_info import is_camera_info, parse_raw_camera
 from marssim.base.calibration.cameras import PosedCamera, PosedPair, first_camera
+from marssim.base.calibration.fields import read_in
 from marssim.base.calibration.kalibr import is_kalibr, pair_of_kalibr
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import is_opencv, pair_of_opencv, parse_opencv
@@ -29,7 +32,7 @@ from marssim.base.command.input_file import check_file
 HEAD = 200_000  # bytes of a file that tell its kind
 
 
-def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
+def read_raw_calibration(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
     """Read the calibration of a pair.
 
     Args:
@@ -49,19 +52,16 @@ def read_pair(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
             raise ValueError(f"{paths[0]}: is the label of one image; give those of the left and of the right one")
         return labelled_pair(labels, paths)
     texts = [read_text(path) for path in paths]
-    if all(is_camera_info(text) and "camera_model" not in text for text in texts):
+    if all(map(_is_camera_info, texts)):
         if len(paths) == 1:
             raise ValueError(f"{paths[0]}: is the CameraInfo of one camera; give those of the left and the right one")
-        cameras = [_named(path, raw_camera, text) for path, text in zip(paths, texts)]
-        return _named(name, PosedPair, *cameras)
-    fields: dict = {}
-    for path, text in zip(paths, texts):
-        if text.lstrip().startswith(("%YAML", "<", "{")) or ":" in text:
-            fields.update(_parsed(path, text))
-    if is_kalibr(fields):
-        return _named(name, pair_of_kalibr, fields)
-    if is_opencv(fields):
-        return _named(name, pair_of_opencv, fields, fisheye)
+        left, right = (read_in(path, parse_raw_camera, text) for path, text in zip(paths, texts))
+        return read_in(name, PosedPair, left, right)
+    content = _content(paths, texts)
+    if is_kalibr(content):
+        return read_in(name, pair_of_kalibr, content)
+    if is_opencv(content):
+        return read_in(name, pair_of_opencv, content, fisheye)
     return _rectified(paths)
 
 
@@ -78,14 +78,11 @@ def is_of_raw_cameras(paths: Sequence[Path]) -> bool:
         check_file(path, "calibration file")
     if any(map(has_label, paths)):
         return True
-    fields: dict = {}
-    for path in paths:
-        text = read_text(path)
-        if is_camera_info(text) and "camera_model" not in text:
-            return False
-        if text.lstrip().startswith(("%YAML", "<", "{")) or ":" in text:
-            fields.update(_parsed(path, text))
-    return is_kalibr(fields) or (is_opencv(fields) and "P1" not in fields and "Q" not in fields)
+    texts = [read_text(path) for path in paths]
+    if any(map(_is_camera_info, texts)):
+        return False
+    content = _content(paths, texts)
+    return is_kalibr(content) or (is_opencv(content) and "P1" not in content and "Q" not in content)
 
 
 def read_label(path: Path) -> ProductLabel | None:
@@ -122,8 +119,8 @@ def labelled_pair(labels: Sequence[ProductLabel | None], paths: Sequence[Path]) 
     Raises:
         ValueError: A label has no camera model, or the cameras are no pair. One line that names the files.
     """
-    cameras = [_labelled_camera(label, path) for label, path in zip(labels, paths, strict=True)]
-    return _named(" and ".join(map(str, paths)), PosedPair, *cameras)
+    left, right = (_labelled_camera(label, path) for label, path in zip(labels, paths, strict=True))
+    return read_in(" and ".join(map(str, paths)), PosedPair, left, right)
 
 
 def _labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
@@ -137,14 +134,25 @@ def _labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
     return label.camera
 
 
-def _parsed(path: Path, text: str) -> dict:
-    """Return the fields of a file of OpenCV or Kalibr, or of one of another kind that looks like them."""
-    if text.lstrip().startswith(("%YAML", "<", "{")):
-        return _named(path, parse_opencv, text)
-    try:
-        return parse_yaml(text)
-    except ValueError:  # KITTI's files, for one
-        return {}
+def _is_camera_info(text: str) -> bool:
+    """Return whether a text is a CameraInfo of ROS, and not a camchain of Kalibr."""
+    return is_camera_info(text) and "camera_model" not in text
+
+
+def _content(paths: Sequence[Path], texts: Sequence[str]) -> dict[str, Any]:
+    """Return the fields of files of OpenCV or Kalibr that complete each other; none of files of other kinds.
+
+    Raises:
+        ValueError: A file of OpenCV is malformed. One line that names it.
+    """
+    content: dict[str, Any] = {}
+    for path, text in zip(paths, texts, strict=True):
+        if text.lstrip().startswith(("%YAML", "<", "{")):
+            content.update(read_in(path, parse_opencv, text))
+        elif ":" in text:
+            with suppress(ValueError):  # KITTI's files, for one
+                content.update(parse_yaml(text))
+    return content
 
 
 def _rectified(paths: Sequence[Path]) -> PosedPair:
@@ -153,12 +161,4 @@ def _rectified(paths: Sequence[Path]) -> PosedPair:
     left = RadialTangential(calibration.fx, calibration.fy, calibration.cx, calibration.cy)
     right = RadialTangential(calibration.fx, calibration.fy, calibration.cx + calibration.shift, calibration.cy)
     second = PosedCamera(right, np.eye(3), np.array([calibration.baseline, 0, 0]), calibration.size)
-    return _named(paths[0], PosedPair, first_camera(left, calibration.size), second)
-
-
-def _named(path, read, *args):
-    """Call a reader, and name the file in its error."""
-    try:
-        return read(*args)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return read_in(paths[0], PosedPair, first_camera(left, calibration.size), second)

@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import parse_json, read_text
 from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
 from marssim.base.calibration.opencv_file import is_opencv, parse_opencv
@@ -118,11 +118,12 @@ def _from_json(text: str) -> Calibration | None:
     if not text.lstrip().startswith("{"):
         return None
     data = parse_json(text)
-    if not ("rig" in data or "baseline" in data):
+    of_opencv = is_opencv(data) or {"P1", "P2"} <= data.keys() or "Q" in data
+    if of_opencv or not ("rig" in data or "baseline" in data):
         return None
     rig = StereoRig.from_dict(data.get("rig", data))
     c = rig.camera
-    shift = float(of.matrix(data, "shift", (1,))[0]) if "shift" in data else 0.0
+    shift = float(fields.matrix(data, "shift", (1,))[0]) if "shift" in data else 0.0
     return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, shift, (c.width, c.height))
 
 
@@ -191,26 +192,26 @@ def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
 
 
 def _from_middlebury(text: str) -> Calibration:
-    fields = dict(re.findall(r"^\s*(\w+)\s*=\s*(.+?)\s*$", text, re.MULTILINE))
+    content = dict(re.findall(r"^\s*(\w+)\s*=\s*(.+?)\s*$", text, re.MULTILINE))
     for name in ("cam0", "baseline"):
-        if name not in fields:
+        if name not in content:
             raise ValueError(f"field {name} is missing")
-    camera = [float(value) for value in re.findall(NUMBER, fields["cam0"])]
+    camera = [float(value) for value in re.findall(NUMBER, content["cam0"])]
     if len(camera) != 9:
         raise ValueError(f"cam0 must have 9 numbers, has {len(camera)}")
-    size = (int(fields["width"]), int(fields["height"])) if {"width", "height"} <= fields.keys() else None
+    size = (int(content["width"]), int(content["height"])) if {"width", "height"} <= content.keys() else None
     fx, cx, fy, cy = (camera[i] for i in (0, 2, 4, 5))
-    return Calibration(fx, fy, cx, cy, float(fields["baseline"]) / 1000, float(fields.get("doffs", 0)), size)
+    return Calibration(fx, fy, cx, cy, float(content["baseline"]) / 1000, float(content.get("doffs", 0)), size)
 
 
 def _from_opencv(text: str) -> Calibration:
-    fields = parse_opencv(text)
-    if {"P1", "P2"} <= fields.keys():
-        return _from_projections(*(of.matrix(fields, name, (3, 4)) for name in ("P1", "P2")))
-    if "Q" in fields and (q := of.matrix(fields, "Q", (4, 4)))[3, 2] != 0:
+    content = parse_opencv(text)
+    if {"P1", "P2"} <= content.keys():
+        return _from_projections(*(fields.matrix(content, name, (3, 4)) for name in ("P1", "P2")))
+    if "Q" in content and (q := fields.matrix(content, "Q", (4, 4)))[3, 2] != 0:
         # Q holds -cx, -cy, f, -1 / Tx and (cx - cx') / Tx (OpenCV, stereoRectify).
         inverse, f = float(q[3, 2]), float(q[2, 3])
         return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse)
-    if is_opencv(fields):
+    if is_opencv(content):
         raise ValueError(f"is a calibration of images that are not rectified; {ADVICE}")
     raise ValueError(f"holds neither P1 and P2 nor Q of stereoRectify; {ADVICE}")

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.camera_info import MODELS
 from marssim.base.calibration.cameras import PosedCamera, PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
@@ -29,15 +29,15 @@ from marssim.base.calibration.lenses.lens import Lens
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import is_opencv, lens_of, rodrigues
 from marssim.base.calibration.orientation import RectifiedView, rectified_view
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import read_raw_calibration
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.files.json_file import DatasetError, read_json
 
-RIG = tuple(NATECAM.to_dict())
+RIG_FIELDS = tuple(NATECAM.to_dict())
 DISTORTION = ("distortion_model", "distortion_coefficients")
 TURNS = ("vergence_deg", "rotation_deg")
 LENS = ("fx", "fy", "cx", "cy")
-FIELDS = (*RIG, *DISTORTION, "right", *TURNS)
+FIELDS = (*RIG_FIELDS, *DISTORTION, "right", *TURNS)
 MOST_TURN = 45.0  # [deg]
 HEAD = 4096  # bytes of a file that tell JSON from other calibrations
 
@@ -107,8 +107,8 @@ def read_rig_file(paths: Sequence[Path]) -> StereoRig | RawRig:
     content = _rig_fields(paths[0]) if len(paths) == 1 else None
     try:
         if content is None:
-            pair = read_pair(paths)
-        elif content.keys() <= set(RIG):
+            pair = read_raw_calibration(paths)
+        elif content.keys() <= set(RIG_FIELDS):
             return StereoRig.from_dict(content)
         else:
             pair = pair_of_rig_file(content)
@@ -117,11 +117,11 @@ def read_rig_file(paths: Sequence[Path]) -> StereoRig | RawRig:
     except DatasetError:
         raise
     except ValueError as error:
-        raise DatasetError(_naming(paths, error)) from None
+        raise DatasetError(fields.message_in(paths, error)) from None
     try:
         return plain_rig(pair) or RawRig.of(pair)
     except ValueError as error:
-        raise DatasetError(_naming(paths, error)) from None
+        raise DatasetError(fields.message_in(paths, error)) from None
 
 
 def pair_of_rig_file(content: Mapping[str, Any]) -> PosedPair:
@@ -138,8 +138,8 @@ def pair_of_rig_file(content: Mapping[str, Any]) -> PosedPair:
     rig = StereoRig.from_dict(dict(content))
     size = (rig.camera.width, rig.camera.height)
     lenses = {"left": _lens(content, size), "right": _right_lens(content, size)}
-    vergence = float(of.matrix(content, "vergence_deg", (1,))[0]) if "vergence_deg" in content else 0.0
-    turn = of.matrix(content, "rotation_deg", (3,)) if "rotation_deg" in content else np.zeros(3)
+    vergence = float(fields.matrix(content, "vergence_deg", (1,))[0]) if "vergence_deg" in content else 0.0
+    turn = fields.matrix(content, "rotation_deg", (3,)) if "rotation_deg" in content else np.zeros(3)
     for name, most in (("vergence_deg", abs(vergence)), ("rotation_deg", np.linalg.norm(turn))):
         if not most <= MOST_TURN:
             raise ValueError(f"field {name} must be at most {MOST_TURN:g} deg, got {most:g}")
@@ -175,20 +175,20 @@ def _rig_fields(path: Path) -> dict[str, Any] | None:
     return None if is_opencv(content) else content
 
 
-def _lens(fields: Mapping[str, Any], size: tuple[int, int], name: str = "") -> Lens:
+def _lens(content: Mapping[str, Any], size: tuple[int, int], name: str = "") -> Lens:
     """Return the lens of some fields; name: where they are in the file, as "right."."""
     for first, second in (DISTORTION, DISTORTION[::-1]):
-        if first in fields and second not in fields:
+        if first in content and second not in content:
             raise ValueError(f"field {name}{second} is missing beside {first}")
-    fx, fy, cx, cy = (float(of.matrix(fields, part, (1,))[0]) for part in LENS)
+    fx, fy, cx, cy = (float(fields.matrix(content, part, (1,))[0]) for part in LENS)
     for part, focal in (("fx", fx), ("fy", fy)):
         if not focal > 0:
             raise ValueError(f"field {name}{part} must be positive [px], got {focal:g}")
-    terms, model = np.zeros(0), fields.get(DISTORTION[0])
+    terms, model = np.zeros(0), content.get(DISTORTION[0])
     if model is not None:
         if model not in tuple(MODELS):
             raise ValueError(f"field {name}{DISTORTION[0]}: {model!r} is unknown; choose from {', '.join(MODELS)}")
-        terms = of.numbers(fields[DISTORTION[1]], DISTORTION[1]).ravel()
+        terms = fields.numbers(content[DISTORTION[1]], DISTORTION[1]).ravel()
     try:
         lens = lens_of(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), terms, MODELS.get(str(model), False))
     except ValueError as error:
@@ -209,11 +209,3 @@ def _right_lens(content: Mapping[str, Any], size: tuple[int, int]) -> Lens:
             if name not in right:
                 raise ValueError(f"field right.{name} is missing: a right lens of its own has {', '.join(LENS)}")
     return _lens(right, size, "right." if right is not content else "")
-
-
-def _naming(paths: Sequence[Path], error: ValueError) -> str:
-    """Return a message that begins with the file, if it does not name it already."""
-    message = str(error)
-    if any(message.startswith(f"{path}") for path in paths):
-        return message
-    return f"{' and '.join(map(str, paths))}: {message}"

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from marssim.base.calibration import fields as of
+from marssim.base.calibration import fields
 from marssim.base.calibration.cameras import PosedCamera
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 
@@ -51,15 +51,15 @@ def camera_of_zhurong(root: Element, size: tuple[int, int] | None) -> PosedCamer
     given = {name: _text(root, names) for name, names in VALUES.items()}
     if given["focal"] is None:
         raise ValueError("field focal_length is missing")
-    focal, x0, y0 = (float(of.numbers(given[name] or "0", name).reshape(-1)[0]) for name in ("focal", "x0", "y0"))
-    pixel = float(of.numbers(given["pixel"] or str(PIXEL), "pixel").reshape(-1)[0])
+    focal, x0, y0 = (float(fields.numbers(given[name] or "0", name).reshape(-1)[0]) for name in ("focal", "x0", "y0"))
+    pixel = float(fields.numbers(given["pixel"] or str(PIXEL), "pixel").reshape(-1)[0])
     pixel = pixel / 1000 if pixel > 1 else pixel  # [mm]
     if not (pixel > 0 and focal > 0):
         raise ValueError("focal_length and pixel_size must be positive")
     position = {EXTERIOR: [exterior.findtext(f".//camera_center_position_{axis}") for axis in "xyz"]}
     angles = {EXTERIOR: [exterior.findtext(f".//camera_rotation_angle_{axis}") for axis in "xyz"]}
-    centre = of.matrix(position, EXTERIOR, (3,))
-    x, y, z = np.deg2rad(of.matrix(angles, EXTERIOR, (3,)))
+    centre = fields.matrix(position, EXTERIOR, (3,))
+    x, y, z = np.deg2rad(fields.matrix(angles, EXTERIOR, (3,)))
     to_rover = _about(2, z) @ _about(1, y) @ _about(0, x)
     f = focal / pixel
     lens = RadialTangential(f, f, (size[0] - 1) / 2 + x0 / pixel, (size[1] - 1) / 2 - y0 / pixel)

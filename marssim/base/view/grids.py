@@ -17,10 +17,10 @@ def grid_surface(name: str, first: np.ndarray, cell: float, heights: np.ndarray,
         heights: (r, c) world z [m], indexed [iy, ix]; NaN where unknown.
         colours: (r, c, 3) uint8 RGB.
     """
-    known = np.isfinite(heights)
-    rows, columns = known.shape
+    valid = np.isfinite(heights)
+    rows, columns = valid.shape
     index = np.arange(rows * columns).reshape(rows, columns)
-    whole = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
+    whole = valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, :-1] & valid[1:, 1:]
     if not whole.any():
         return None
     a, b, c, d = (part[whole] for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))

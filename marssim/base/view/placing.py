@@ -56,12 +56,12 @@ def stands(pose: np.ndarray, reach: float) -> dict[str, tuple[np.ndarray, np.nda
     """
     frame = upright(pose)
     eye, ahead, up = frame[:3, 3], frame[:3, 0], frame[:3, 2]
-    seen = eye + reach * pose[:3, 2]
+    target = eye + reach * pose[:3, 2]
     return {
-        "From behind": (eye + reach * (0.25 * up - 0.5 * ahead), seen),
-        "Through the left camera": (eye, seen),
+        "From behind": (eye + reach * (0.25 * up - 0.5 * ahead), target),
+        "Through the left camera": (eye, target),
         # a little behind, so that the way ahead is up in the picture
-        "From above": (seen + reach * (1.8 * up - 0.02 * ahead), seen),
+        "From above": (target + reach * (1.8 * up - 0.02 * ahead), target),
     }
 
 

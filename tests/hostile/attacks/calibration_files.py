@@ -14,7 +14,7 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import rectified_view
 from marssim.base.calibration.pds3_label import camera_group
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import read_raw_calibration
 
 SIZE = (8, 6)
 SECOND = "second_"  # begins the name of the right eye's file
@@ -67,7 +67,7 @@ def _texts(folder: Path, name: str, texts: tuple[str, ...]) -> Path:
 def read_calibration_pair(path: Path) -> PosedPair:
     """Read the attacked file, with that of the right eye where there is one."""
     second = path.with_name(SECOND + path.name)
-    return read_pair([path, *([second] if second.exists() else [])])
+    return read_raw_calibration([path, *([second] if second.exists() else [])])
 
 
 CALIBRATIONS = {

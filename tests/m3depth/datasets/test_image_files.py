@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.datasets.image_files import read_pair
+from m3depth.datasets.image_files import read_pair, read_scene_mask
 
 
 def write(path, image):
@@ -71,3 +71,20 @@ def test_a_png_with_a_wrong_checksum_is_reported_without_messages_of_libraries(t
     with pytest.raises(ValueError, match=r"bent\.png: not a readable image"):
         read_pair(path, path)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("white", [np.uint8(1), np.uint8(255), np.uint16(1), np.uint16(65535)])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_mask_leaves_out_zero_alone_whatever_its_bits(tmp_path, white, channels):
+    mask = np.zeros((6, 8, channels), white.dtype)
+    mask[:, 3:, 0] = white  # of a mask of colours, blue
+    shown = read_scene_mask(write(tmp_path / "mask.png", mask.squeeze()), (6, 8))
+    assert shown.dtype == bool and (shown == (np.arange(8) >= 3)).all()
+
+
+def test_a_mask_of_another_size_names_both(tmp_path):
+    mask = write(tmp_path / "mask.png", np.zeros((6, 8), np.uint8))
+    with pytest.raises(ValueError, match=r"mask\.png: is 8 x 6, left\.png is 9 x 6: a mask has the image's size"):
+        read_scene_mask(mask, (6, 9), "left.png")
+    with pytest.raises(FileNotFoundError, match=r"none\.png: no such mask"):
+        read_scene_mask(tmp_path / "none.png", (6, 8))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import raw_pairs
 
-from m3depth.rectification.files import camera_to_rover, rig_dict
+from m3depth.rectification.files import labelled_camera_pose, rig_dict
 from m3depth.rectification.pair import RectifiedPair
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.orientation import RectifiedView
@@ -24,7 +24,7 @@ def pair(frame: str) -> RectifiedPair:
 
 
 def test_labels_in_the_rovers_frame_place_the_camera_on_the_rover():
-    pose = camera_to_rover(pair("ROVER_NAV_FRAME 33 2841"))
+    pose = labelled_camera_pose(pair("ROVER_NAV_FRAME 33 2841"))
     np.testing.assert_allclose(pose @ [0, 0, 2, 1], [2.9, -0.3, 1.9, 1])  # 2 m ahead, at the height of the camera
     np.testing.assert_allclose(pose @ [1, 1, 0, 1], [0.9, -1.3, 0.9, 1])  # to the right, and down
     np.testing.assert_allclose(rig_dict(pair("ROVER_NAV_FRAME 33"))["camera_to_rover"], pose)

@@ -129,7 +129,7 @@ class Cahvore(Lens):
         return (np.arctan if l > 0 else np.arcsin)(l * chi) / l
 
 
-def linearity_of(kind: int, parameter: float = 0.0) -> float:
+def linearity_of(kind: float, parameter: float = 0.0) -> float:
     """Return L of a CAHVORE model.
 
     Args:

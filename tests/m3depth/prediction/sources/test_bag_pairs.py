@@ -136,6 +136,56 @@ def test_a_camera_that_changes_counts_from_its_stamp_on(make):
     assert pairs.rate == 2.0 and [pairs.stamp(n) for n in range(4)] == STAMPS
 
 
+def region(message):
+    message.roi.x_offset, message.roi.y_offset, message.roi.width, message.roi.height = 10, 4, 80, 40
+
+
+def binning(message):
+    message.binning_x = 2
+
+
+def size(message):
+    message.height -= 10
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [(region, ((80, 40), 100.0, 37.5)), (binning, ((48, 64), 50.0, 23.5)), (size, ((96, 54), 100.0, 47.5))],
+)
+def test_a_region_or_binning_that_changes_alone_counts_too(make, change, expected):
+    def edit(message):
+        if message.header.stamp.sec >= 2:
+            change(message)
+        return message
+
+    pairs = BagPairs(make(only("camera_info", edit), count=4))
+    before, after = (pairs.calibration(n)(0, 0) for n in (0, 3))
+    assert (before.size, before.fx, before.cx) == ((96, 64), 100.0, 47.5)
+    assert (after.size, after.fx, after.cx) == expected
+
+
+def test_a_distortion_model_that_changes_alone_counts_too(make):
+    def edit(message):
+        message.d = np.array([0.01, 0.0, 0.0, 0.0])
+        if message.header.stamp.sec >= 2:
+            message.distortion_model = "equidistant"
+        return message
+
+    pairs = BagPairs(make(only("camera_info", edit), count=2), rectify="always")
+    lenses = [type(pairs._eyes[0][n].raw._camera.lens).__name__ for n in range(len(pairs._eyes[0]))]
+    assert lenses == ["RadialTangential", "Fisheye"]
+
+
+def test_a_right_camera_that_changes_alone_counts_from_its_stamp_on(make):
+    def edit(message):
+        if message.header.stamp.sec >= 2:
+            message.p[3] *= 2
+        return message
+
+    pairs = BagPairs(make(only("right/camera_info", edit), count=4))
+    assert [pairs.calibration(n)(96, 64).baseline for n in range(4)] == pytest.approx([0.27, 0.54, 0.54, 0.54])
+
+
 def test_a_calibration_file_replaces_camera_info(make, tmp_path):
     bag = make(only("camera_info", lambda m: None))
     file = tmp_path / "calib.txt"
@@ -155,6 +205,12 @@ def test_another_pair_of_topics_is_another_input(make, tmp_path):
     assert states[0]["images"] == states[2]["images"]
 
 
+def test_the_folder_of_work_may_be_the_bag(make, tmp_path, monkeypatch):
+    """Its name is empty, but a rig.json may lie beside it, as the bag has no frame of the rover."""
+    monkeypatch.chdir(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
+    assert main([".", "--out", str(tmp_path / "out"), "--method", "sgbm", "--write", "depth"]) == 0
+
+
 def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsys):
     def late(topic, message):
         if topic not in ("/tf", "/odom"):
@@ -170,6 +226,19 @@ def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsy
     printed = capsys.readouterr()
     assert "frame_000000 is skipped: frame_000000: has no pose, which --cloud-frame world needs" in printed.err
     assert "2 of 3 pairs; 1 skipped" in printed.out
+
+
+def test_clouds_in_the_world_of_a_file_of_poses_do_not_come_into_a_bag_without_it(make, tmp_path, capsys):
+    bag = make()
+    (tmp_path / "poses.txt").write_text(2 * "1 0 0 9 0 1 0 9 0 0 1 9\n")
+    flags = "--poses", str(tmp_path / "poses.txt"), "--cloud-frame", "world"
+    out = ["--out", str(tmp_path / "out"), "--method", "sgbm"]
+    assert main([str(bag), *out, *flags]) == 2
+    error = capsys.readouterr().err
+    assert f"world of {tmp_path}/poses.txt, which is no frame of the bag; leave bag out of --write" in error
+    assert not (tmp_path / "out").exists()
+    assert main([str(bag), *out, *flags, "--write", "depth", "cloud"]) == 0
+    assert (tmp_path / "out/fused_cloud.ply").is_file() and not (tmp_path / "out/bag").exists()
 
 
 def test_without_frames_there_are_no_poses(make):

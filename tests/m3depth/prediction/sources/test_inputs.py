@@ -11,8 +11,9 @@ import pytest
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.inputs import Inputs, find_inputs
 from m3depth.prediction.sources.pair_input import PairInput
-from m3depth.prediction.sources.poses import camera_to_rover
-from m3depth.rectification.options import RawOptions
+from m3depth.prediction.sources.poses import mounted_camera_pose
+from m3depth.prediction.sources.raw_pairs import RawPairs
+from m3depth.rectification.options import RawOptions, RectifyOptions
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.files.json_file import DatasetError
 
@@ -27,6 +28,11 @@ def image(path: Path, level: int = 0) -> Path:
 
 def find(*images, **flags):
     return find_inputs(PredictOptions(tuple(map(Path, images)), **{"out": Path("out"), **flags}))
+
+
+def rectification() -> RawPairs:
+    """Of raw cameras with a calibration."""
+    return RawPairs(RectifyOptions((), Path("out"), calib=(Path("stereo.yml"),)), keeps_geometry=False)
 
 
 def test_two_images_are_one_pair(tmp_path):
@@ -101,7 +107,7 @@ def test_poses_of_the_camera_start_from_the_first_pairs_place_on_the_rover(tmp_p
     for name, height in (("a", 1.5), ("b", 9.0)):
         for eye in ("left", "right"):
             image(tmp_path / name / f"{eye}.png")
-        on_rover = camera_to_rover((0.0, height, 0.0), RIG.baseline)
+        on_rover = mounted_camera_pose((0.0, height, 0.0), RIG.baseline)
         content = {"camera_to_rover": on_rover.tolist()}
         (tmp_path / name / "rig.json").write_text(json.dumps(content))
     (tmp_path / "poses.txt").write_text(2 * "1 0 0 0 0 1 0 0 0 0 1 3\n")
@@ -120,6 +126,21 @@ def test_an_edited_calibration_or_mask_is_another_input(tmp_path):
         (tmp_path / file).write_text("{}")
         states.append(inputs.state())
     assert all(a != b for a, b in pairwise(states))
+
+
+def test_an_edited_calibration_beside_a_recording_or_a_raw_pair_is_another_input(tmp_path):
+    video = cv2.VideoWriter(str(tmp_path / "both.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 8, (64, 48))
+    for level in (0, 99):
+        video.write(np.full((48, 64, 3), level, np.uint8))
+    video.release()
+    raw = Inputs((PairInput("0", *(image(tmp_path / f"{eye}.png") for eye in "lr")),), rectification=rectification())
+    for inputs in (find(tmp_path / "both.avi"), raw):
+        states = [inputs.state()]
+        for content in ("{}", '{"shift": 3}'):  # its camera_to_rover is read in any case
+            (tmp_path / "rig.json").write_text(content)
+            states.append(inputs.state())
+        assert all(a != b for a, b in pairwise(states))
+        (tmp_path / "rig.json").unlink()
 
 
 def test_an_edited_calibration_of_a_benchmark_is_another_input(tmp_path):

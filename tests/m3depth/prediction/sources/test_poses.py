@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.poses import camera_to_rover, read_poses, rover_pose
+from m3depth.prediction.sources.poses import mounted_camera_pose, read_poses, rover_pose
 from marssim.base.rover_spec import ZHURONG
 
 
@@ -38,14 +38,14 @@ def test_a_line_that_is_no_pose_is_named(tmp_path, line, message):
 
 
 def test_the_rover_looks_ahead_and_down():
-    pose = camera_to_rover((0.5, 2.0, 30.0), baseline=0.4)
+    pose = mounted_camera_pose((0.5, 2.0, 30.0), baseline=0.4)
     np.testing.assert_allclose(pose[:3, 3], [0.5, 0.2, 2.0])
     np.testing.assert_allclose(pose[:3, 2], [np.cos(np.pi / 6), 0, -0.5], atol=1e-12)  # the optical axis
     np.testing.assert_allclose(pose[:3, 0], [0, -1, 0], atol=1e-12)  # right of the camera is right of the rover
 
 
 def test_the_rig_file_places_the_camera_unless_a_flag_does(tmp_path):
-    image, pose = tmp_path / "left.png", camera_to_rover((1.0, 1.9, 33.0), 0.4)
+    image, pose = tmp_path / "left.png", mounted_camera_pose((1.0, 1.9, 33.0), 0.4)
     options = PredictOptions((image, tmp_path / "right.png"), tmp_path)
     np.testing.assert_array_equal(rover_pose(options, image, 0.3), ZHURONG.mount.left_eye(0.3))
     (tmp_path / "rig.json").write_text(json.dumps({"camera_to_rover": pose.tolist()}))

@@ -15,7 +15,7 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import common_orientation, rectified_view
 from marssim.base.calibration.pds3_label import camera_group
-from marssim.base.calibration.read_pair import has_label, is_of_raw_cameras, read_label, read_pair
+from marssim.base.calibration.read_pair import has_label, is_of_raw_cameras, read_label, read_raw_calibration
 from marssim.base.camera import NATECAM
 
 SIZE = (640, 480)
@@ -43,7 +43,7 @@ def assert_same(read: PosedPair, wanted: PosedPair, tolerance: float = 1e-6) -> 
 def test_opencv_as_we_write_it(tmp_path, lens):
     path = tmp_path / "stereo.yml"
     path.write_text(opencv_text(pair(lens)))
-    assert_same(read_pair([path]), pair(lens))
+    assert_same(read_raw_calibration([path]), pair(lens))
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)  # OpenCV reads it too
     assert storage.getNode("K2").mat()[0, 0] == 499.0 and storage.getNode("D1").mat().shape == (1, 4)
 
@@ -63,7 +63,7 @@ def test_opencv_as_opencv_writes_it(tmp_path, ending, split):
         for name, matrix in content.items():
             storage.write(name, matrix)
         storage.release()
-    assert_same(read_pair(files if split else files[:1]), wanted)
+    assert_same(read_raw_calibration(files if split else files[:1]), wanted)
 
 
 def test_which_calibrations_are_of_raw_cameras_alone(tmp_path):
@@ -88,7 +88,7 @@ def test_opencv_with_the_matrices_of_stereo_rectify_instead_of_the_pose(tmp_path
     names = {"K1": k[0], "K2": k[1], "D1": d, "D2": d, "R1": r1, "R2": r2, "P1": p1, "P2": p2}
     path = tmp_path / "stereo.json"
     path.write_text(json.dumps({"image_size": SIZE, **{name: matrix.tolist() for name, matrix in names.items()}}))
-    assert_same(read_pair([path]), wanted)
+    assert_same(read_raw_calibration([path]), wanted)
 
 
 def test_a_rotation_vector_and_the_fisheye_flag(tmp_path):
@@ -97,7 +97,7 @@ def test_a_rotation_vector_and_the_fisheye_flag(tmp_path):
     content = {"K1": k[0], "K2": k[1], "D1": RADTAN, "D2": RADTAN, "R": [0.01, 0.03, -0.02], "T": [-0.12, 1e-3, 2e-3]}
     path = tmp_path / "stereo.json"
     path.write_text(json.dumps({**content, "width": 640, "height": 480}))
-    assert_same(read_pair([path], fisheye=True), wanted)
+    assert_same(read_raw_calibration([path], fisheye=True), wanted)
 
 
 @pytest.mark.parametrize(
@@ -109,20 +109,20 @@ def test_camera_infos_of_ros(tmp_path, lens, terms):
     files = [tmp_path / "left.yaml", tmp_path / "right.yaml"]
     for file, text in zip(files, camera_info_texts(wanted, rectified_view(wanted))):
         file.write_text(text)
-    assert_same(read_pair(files), wanted)
+    assert_same(read_raw_calibration(files), wanted)
 
 
 @pytest.mark.parametrize("lens", [RadialTangential, Fisheye])
 def test_kalibr(tmp_path, lens):
     path = tmp_path / "camchain.yaml"
     path.write_text(kalibr_text(pair(lens)))
-    assert_same(read_pair([path]), pair(lens))
+    assert_same(read_raw_calibration([path]), pair(lens))
 
 
 def test_a_rig_of_the_simulator_is_two_pinholes(tmp_path):
     path = tmp_path / "rig.json"
     path.write_text(json.dumps({**NATECAM.to_dict(), "shift": 3.0}))
-    read = read_pair([path])
+    read = read_raw_calibration([path])
     assert read.baseline == NATECAM.baseline and read.right.lens.cx == NATECAM.camera.cx + 3
     assert np.allclose(common_orientation(read), np.eye(3))
 
@@ -186,7 +186,7 @@ def test_labels_of_pds3(tmp_path, kind):
     files = [tmp_path / "left.LBL", tmp_path / "right.LBL"]
     for file, camera in zip(files, (wanted.left, wanted.right)):
         file.write_text(detached_label(camera))
-    read = read_pair(files)
+    read = read_raw_calibration(files)
     points = POINTS @ wanted.left.rotation + wanted.left.centre
     for eye in ("left", "right"):
         shown = getattr(read, eye).project(points)
@@ -217,7 +217,7 @@ def test_labels_of_pds4(tmp_path):
     files = [tmp_path / "left.xml", tmp_path / "right.xml"]
     for file, camera in zip(files, (wanted.left, wanted.right)):
         file.write_text(pds4_label(camera))
-    read = read_pair(files)
+    read = read_raw_calibration(files)
     points = POINTS @ wanted.left.rotation + wanted.left.centre
     assert np.abs(read.right.project(points) - wanted.right.project(points)).max() < 1e-7
     assert read.left.size == SIZE
@@ -232,10 +232,10 @@ def test_positions_of_pds4_in_another_unit(tmp_path):
             file.write_text(re.sub("_position>(?=[-0-9])", f'_position unit="{unit}">', pds4_label(camera)))
 
     write("cm")
-    assert read_pair(files).baseline == pytest.approx(wanted.baseline / 100)
+    assert read_raw_calibration(files).baseline == pytest.approx(wanted.baseline / 100)
     write("ft")
     with pytest.raises(ValueError, match=r"left\.xml: Vector_Center: unit ft is unknown; m, cm, mm, km are known"):
-        read_pair(files)
+        read_raw_calibration(files)
 
 
 def test_camera_infos_of_plumb_bob_have_five_numbers():
@@ -254,7 +254,7 @@ def test_labels_of_vicar(tmp_path):
         label = f"FORMAT='HALF'  NL=480  NS=640  NB=1  RECSIZE=1280  NLB=0  PROPERTY='GEOMETRIC_CAMERA_MODEL'  {model}"
         file.write_text(f"LBLSIZE=2560  {label}  TASK='X'  NL=3".ljust(2560, "\0"))
     points = POINTS @ wanted.left.rotation + wanted.left.centre
-    read = read_pair(files)
+    read = read_raw_calibration(files)
     assert np.abs(read.left.project(points) - wanted.left.project(points)).max() < 1e-7 and read.left.size == SIZE
 
 
@@ -272,7 +272,7 @@ def test_labels_of_zhurong(tmp_path):
     files = [tmp_path / "left.2CL", tmp_path / "right.2CL"]
     for file, y in zip(files, (0.135, -0.135)):
         file.write_text(ZHURONG.replace("YY", str(y)))
-    read = read_pair(files)
+    read = read_raw_calibration(files)
     assert read.baseline == pytest.approx(0.27) and read.left.lens.focal() == pytest.approx(2395.31, abs=0.01)
     assert read.left.axis == pytest.approx([np.sin(np.deg2rad(70)), 0, -np.cos(np.deg2rad(70))])
     assert common_orientation(read)[0] == pytest.approx([0, -1, 0])
@@ -284,6 +284,7 @@ YAML = opencv_text(pair())
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        (YAML.replace("radtan", "omnidir"), "distortion_model omnidir is not supported; radtan, plumb_bob"),
         (YAML.replace("rows: 3\n   cols: 3", "rows: 2\n   cols: 3", 1), "field K1 must have 2 x 3 numbers, has 9"),
         (YAML.replace("rows: 3\n", "rows: true\n", 1), "field K1 must have whole numbers of rows and cols"),
         (YAML.replace("505.0", ".nan"), "field K1 has a value that is no finite number"),
@@ -307,7 +308,7 @@ def test_what_is_no_calibration_is_one_line(tmp_path, text, says):
     path = tmp_path / "stereo.yml"
     path.write_text(text)
     with pytest.raises(ValueError, match=says) as caught:
-        read_pair([path])
+        read_raw_calibration([path])
     assert str(caught.value).startswith(str(path)) or "apart" in says
     assert "\n" not in str(caught.value)
 
@@ -319,18 +320,18 @@ def test_a_rotation_of_infinities_is_refused(tmp_path):
     for file, text in zip(files, texts):
         file.write_text(re.sub(r"(rectification_matrix:\n.*\n.*\n  data: \[)[^,]*", r"\g<1>1e999", text))
     with pytest.raises(ValueError, match=r"left\.yaml: field rectification_matrix has a value that is no finite"):
-        read_pair(files)
+        read_raw_calibration(files)
 
 
 def test_a_large_or_binary_file_is_refused(tmp_path):
     (tmp_path / "large.yml").write_text("# \n" * 2_000_000)
     with pytest.raises(ValueError, match=r"large\.yml: has more than 4 MB"):
-        read_pair([tmp_path / "large.yml"])
+        read_raw_calibration([tmp_path / "large.yml"])
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
     with pytest.raises(ValueError, match=r"image\.png: is not a text file"):
-        read_pair([tmp_path / "image.png"])
+        read_raw_calibration([tmp_path / "image.png"])
     with pytest.raises(FileNotFoundError, match="no such calibration file"):
-        read_pair([tmp_path / "none.yml"])
+        read_raw_calibration([tmp_path / "none.yml"])
 
 
 @pytest.mark.parametrize(
@@ -342,6 +343,7 @@ def test_a_large_or_binary_file_is_refused(tmp_path):
             "COMPONENT_3 must be 3, is 2",
         ),
         (lambda text: re.sub(r"MODEL_COMPONENT_8 = .*", "MODEL_COMPONENT_8 = 7.0", text), "type .* must be 1, 2 or 3"),
+        (lambda text: re.sub(r"MODEL_COMPONENT_8 = .*", "MODEL_COMPONENT_8 = 1.5", text), "1, 2 or 3, is 1.5"),
         (lambda text: text.replace("END\r\n", ""), "label without an end: is the file truncated"),
         (lambda text: text.replace("GEOMETRIC_CAMERA_MODEL", "OTHER"), "has no label with a camera model"),
         (lambda text: text.replace('"ROVER"', '"SITE"'), "different frames, ROVER and SITE"),
@@ -353,7 +355,7 @@ def test_what_is_no_label_is_one_line(tmp_path, change, says):
     files[0].write_text(detached_label(wanted.left))
     files[1].write_text(change(detached_label(wanted.right)))
     with pytest.raises(ValueError, match=says) as caught:
-        read_pair(files)
+        read_raw_calibration(files)
     assert "\n" not in str(caught.value) and "right.LBL" in str(caught.value)
 
 

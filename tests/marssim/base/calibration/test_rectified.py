@@ -79,6 +79,17 @@ def test_opencv_after_stereo_rectify(tmp_path, matrices, flags, ending):
     assert (left[1] - parsed.cy) / parsed.fy * 2.5 == pytest.approx(-0.2, rel=1e-6)
 
 
+def test_json_of_opencv_may_hold_a_baseline_too(tmp_path):
+    matrices = {"P1": np.array([[500, 0, 310, 0], [0, 500, 240, 0], [0, 0, 1, 0.0]])}
+    matrices["P2"] = matrices["P1"] - np.eye(3, 4, 3) * 60
+    content = {**{name: matrix.tolist() for name, matrix in matrices.items()}, "baseline": 0.12, "width": 640}
+    parsed = read_calibration(write(tmp_path / "stereo.json", json.dumps(content)))
+    assert (parsed.fx, parsed.cx, parsed.baseline) == (500, 310, pytest.approx(0.12))
+    raw = write(tmp_path / "raw.json", json.dumps({"K1": np.eye(3).tolist(), "baseline": 0.12}))
+    with pytest.raises(ValueError, match="is a calibration of images that are not rectified"):
+        read_calibration(raw)
+
+
 def test_a_dataset_says_what_its_rig_is(tmp_path):
     parsed = read_calibration(write(tmp_path / "sample.json", json.dumps({"rig": NATECAM.to_dict(), "sun": 3})))
     assert parsed.rig(512, 512) == NATECAM and parsed.size == (512, 512)

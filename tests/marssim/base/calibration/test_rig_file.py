@@ -11,7 +11,7 @@ from marssim.base.calibration.camera_info import camera_info_texts
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
-from marssim.base.calibration.read_pair import read_pair
+from marssim.base.calibration.read_pair import read_raw_calibration
 from marssim.base.calibration.rig_file import RawRig, read_rig_file
 from marssim.base.camera import PinholeCamera, StereoRig
 
@@ -146,7 +146,7 @@ def test_calibrations_of_mixed_or_unknown_size_or_of_one_eye_are_refused(read, t
     file = tmp_path / "opencv.yml"
     text = calibration_texts(raw)["opencv.yml"]
     file.write_text(text.replace("image_width", "wide"))
-    assert read_pair([file]).left.size is None
+    assert read_raw_calibration([file]).left.size is None
     with pytest.raises(ValueError, match=rf"^{file}: the size of the images is missing"):
         read_rig_file([file])
     with pytest.raises(ValueError, match=rf"^{tmp_path / 'none.yml'}: no such"):

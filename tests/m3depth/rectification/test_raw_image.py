@@ -1,0 +1,21 @@
+"""Raw images and their masks."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.prediction.masks import read_valid
+from m3depth.rectification.raw_image import RawImage, masked
+
+
+@pytest.mark.parametrize("white", [np.uint8(1), np.uint16(1), np.uint16(65535)])
+def test_rectify_and_predict_read_one_mask_alike(tmp_path, white):
+    mask = np.zeros((6, 8), white.dtype)
+    mask[:, 4:] = white
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    image = RawImage(Path("left.png"), np.zeros((6, 8), np.uint8), np.ones((6, 8), bool))
+    expected = np.broadcast_to(np.arange(8) >= 4, (6, 8))
+    np.testing.assert_array_equal(masked(image, tmp_path / "mask.png").valid, expected)
+    np.testing.assert_array_equal(read_valid(None, tmp_path / "mask.png", (6, 8)), expected)
