@@ -26,7 +26,7 @@ test quick hostile: export PYTHONDONTWRITEBYTECODE =
 test: install
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder -m "not benchmark"
 
-# In a minute: does the chain stand?
+# Checks the whole chain in a minute.
 quick: install
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder -m "quick and not benchmark"
 

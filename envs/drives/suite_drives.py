@@ -37,9 +37,9 @@ def with_suite(config: EvaluateConfig) -> EvaluateConfig:
         raise ValueError(f"`{name}`: {suite.name} fixes it; leave it out with --suite")
     for name in config.condition:
         if name not in suite.conditions:
-            known = ", ".join(suite.conditions)
+            conditions = ", ".join(suite.conditions)
             hint = did_you_mean(name, list(suite.conditions))
-            raise ValueError(f"--condition {name!r} is unknown{hint}; {suite.name} has {known}")
+            raise ValueError(f"--condition {name!r} is unknown{hint}; {suite.name} has {conditions}")
     split = suite.splits[config.split]
     most = split["courses"]
     if config.episodes is not None and config.episodes > most:

@@ -172,9 +172,10 @@ class RigOptions:
     height: int = NATECAM.camera.height
     """Height of each image [px], above 0 and up to 65536."""
     focal: float = NATECAM.camera.fx
-    """Focal length [px], 1 to 1e9."""
+    """Focal length [px], at least 1 and up to 1e9."""
     focal_y: float | None = None
-    """Vertical focal length [px], 1 to 1e9, for pixels that are not square. By default it equals --rig.focal."""
+    """Vertical focal length [px], at least 1 and up to 1e9, for pixels that are not square. By default it equals
+    --rig.focal."""
     baseline: float = NATECAM.baseline
     """Distance between the two cameras [m], above 0 and up to 10."""
     cx: float | None = None

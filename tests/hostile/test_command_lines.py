@@ -18,9 +18,9 @@ from marssim.base.command.listing import COMMANDS
 EXTREME = st.sampled_from(("nan", "inf", "-inf", "1e300", "-1e300"))
 HOSTILE = EXTREME | st.sampled_from(VALUES) | st.floats().map(repr) | st.integers().map(str) | st.text(max_size=8)
 SMALL = ("2", "3", "0.5", "0.01", "10", "25")  # values that many flags take
-TAKEN = {  # commands that are run with hostile flags, and flags whose large values rightly take long
+TAKEN = {  # commands that are run with hostile flags, and flags that rightly take long
     "marssim.generate": ("--pairs", "--views-per-scene", "--rig.width", "--rig.height", "--size", "--horizon"),
-    "marssim.export": (), "m3depth.predict": (), "m3depth.evaluate": (), "m3depth.train": ("--max-steps",),
+    "marssim.export": (), "m3depth.predict": ("--view",), "m3depth.evaluate": (), "m3depth.train": ("--max-steps",),
 }  # fmt: skip
 # refusals of the words at the start of a line as a whole
 NUMBER_OF_WORDS = (
@@ -29,6 +29,11 @@ NUMBER_OF_WORDS = (
     "name a folder",
     "two drives need --out",
 )
+
+
+def as_printed(word: str) -> str:
+    """Return a word as stderr shows it, which escapes what is no character."""
+    return word.encode(errors="backslashreplace").decode()
 
 
 def check_meant(config):
@@ -91,7 +96,7 @@ def test_a_command_line_that_is_taken_is_done_or_refused_in_one_line(server, inp
         for flag, width in rng.sample(flags, 2):
             words = [rng.choice((*VALUES, *SMALL)) for _ in range(rng.randint(1, 3) if width < 0 else width)]
             line += [flag, *words]
-            names += [flag, *(f"{word}:" for word in words)]
+            names += [flag, *(f"{as_printed(word)}:" for word in words)]
         with suppress(ValueError):
             parser_of(command)(line)
             ended = server.run(run.entry, line)

@@ -13,12 +13,12 @@ def rows(memory, files=20.0):
 
 
 @pytest.mark.parametrize("grows", [False, True])
-def test_growth_is_told_from_noise_and_from_a_warm_start(grows):
+def test_growth_is_distinguished_from_noise_and_from_a_warm_start(grows):
     rng, number = np.random.default_rng(0), 400
     memory = 500 + 300 * (1 - np.exp(-np.arange(number) / 20)) + rng.normal(0, 5, number)
     memory[350] += 400  # a peak
-    found, words = verdict(rows(memory + grows * 0.5 * np.arange(number)))
-    assert found == grows and ("memory GROWS" in words) == grows
+    grew, words = verdict(rows(memory + grows * 0.5 * np.arange(number)))
+    assert grew == grows and ("memory GROWS" in words) == grows
     assert verdict(rows([500.0] * FEWEST)) == (False, f"too short for a verdict: {FEWEST // 2} of {FEWEST} lines")
 
 

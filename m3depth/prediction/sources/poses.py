@@ -78,7 +78,7 @@ def read_poses(path: Path) -> np.ndarray:
         ValueError: A line is none of these; the message names file and line.
     """
     poses = []
-    for number, line in enumerate(read_text(path).splitlines(), 1):
+    for number, line in enumerate(read_text(path, "file of poses").splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         try:

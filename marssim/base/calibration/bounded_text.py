@@ -52,7 +52,7 @@ def read_text(path: Path, what: str = "calibration file") -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is not a text file ({error.reason}), as calibrations are") from None
+        raise ValueError(f"{path}: is not a text file ({error.reason}), as a {what} is") from None
 
 
 def parse_yaml(text: str) -> dict[str, Any]:

@@ -209,8 +209,8 @@ def _parse_error(framed: str, cause: BaseException | None, config: type) -> str:
         unknown = _unknown(" ".join(others).split(), flags) if others else ""
         return f"{', '.join(flags) or message} missing{unknown and f'; {unknown}'}; --help explains the flags"
     if message.startswith("Unrecognized"):
-        known = [line.split()[0].rstrip(",") for part in parts[1:] for line in part if line.startswith("--")]
-        return _unknown(message.partition(": ")[2].split(", "), known)
+        options = [line.split()[0].rstrip(",") for part in parts[1:] for line in part if line.startswith("--")]
+        return _unknown(message.partition(": ")[2].split(", "), options)
     if missing := re.match(r"Missing value for argument '(\S+)'\. Expected (\d+) values", message):
         flag, count = missing.groups()
         return f"{flag} needs {'a value' if count == '1' else f'{count} values'}"
@@ -239,11 +239,11 @@ def _value_error(flag: str, kind: str, why: str) -> str:
     return f"{flag} {kind}: {why}"
 
 
-def _unknown(words: Sequence[str], known: Sequence[str]) -> str:
+def _unknown(words: Sequence[str], flags: Sequence[str]) -> str:
     """Return a message on words that belong to no option; each unknown option has the most similar known one."""
     options = []
     for option in (word.partition("=")[0] for word in words if re.match(r"--?(?!inf$|nan$)[a-zA-Z]", word)):
-        options.append(option + did_you_mean(option, known))
+        options.append(option + did_you_mean(option, flags))
     return f"unknown option {', '.join(options)}" if options else f"{' '.join(words)} belongs to no option"
 
 

@@ -1,4 +1,4 @@
-"""Kills by SIGKILL: at a random time, before a write, a renaming or a deletion, and in the middle of a write."""
+"""Kills at a random time and before a write, a renaming or a deletion (SIGKILL), and inside a write (SIGXFSZ)."""
 
 from __future__ import annotations
 

@@ -238,5 +238,5 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_a_binary_file_is_refused_as_calibration(tmp_path):
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
-    with pytest.raises(ValueError, match=r"image\.png: is not a text file [^\n]*, as calibrations are$"):
+    with pytest.raises(ValueError, match=r"image\.png: is not a text file [^\n]*, as a calibration file is$"):
         read_calibration(tmp_path / "image.png")
