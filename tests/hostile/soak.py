@@ -8,8 +8,9 @@ The same command continues a run that was stopped, as a further piece. LOG gets 
 time since the piece began [s], memory [MB], open files, threads. The verdict is on each piece: the slope of its second
 half after Theil and Sen, with its 95 % interval, which is too narrow, since lines that follow each other are not
 independent. Growth is a slope whose interval lies above zero, and that amounts to more than MOST_GROWTH over the second
-half. So a piece of two hours shows a leak of 20 MB an hour, and one of less than 20 minutes has no verdict. Linux only,
-since it reads /proc. Only this process is measured, so take one worker. The exit code is that of the command, or 1 for growth.
+half. So a piece of two hours shows a leak of 20 MB an hour, and one of less than 20 minutes has no verdict. Only this
+process is measured, so take one worker. Linux only, since it reads /proc. The exit code is that of the command, or 1
+for growth.
 """
 
 from __future__ import annotations
