@@ -20,8 +20,6 @@ from marssim.base.version import VERSION_FLAG, VERSION_LINE
 
 _RULE = re.compile(r"[─-]{8,}")  # line between two parts of the parser's message
 _TYPE_PREFIX = re.compile(r"no type matching .*<class '\w+'>: ")  # begins the message on an optional flag
-# as a value or behind "--flag="; NumPy refuses to draw between x and -x for it
-_NEGATIVE_ZERO = re.compile(r"^(--[^=]+=)?-(0*\.?0+(?:e[+-]?\d+)?)$", re.IGNORECASE)
 _annotated: set[type] = set()  # the configs whose fields bear their help
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # control sequence of a terminal
 
@@ -60,7 +58,6 @@ def parse(
     defaults: dict[str, Any] = {} if default is None else {"default": default}
     output = io.StringIO()
     _check_not_empty(args)
-    args = [_NEGATIVE_ZERO.sub(r"\1\2", word) for word in args]
     _annotate_help(config)
     try:
         with redirect_stderr(output):

@@ -1,6 +1,5 @@
 """The command line as a dataclass: repeated flags and the version."""
 
-import math
 import re
 import subprocess
 import sys
@@ -71,14 +70,6 @@ def test_the_last_value_of_any_other_flag_counts():
     assert parsed("--pair", "1", "2", "--count", "3", "--count", "4", "--pair", "-3", "-2") == Settings(
         pair=(-3.0, -2.0), count=4
     )
-
-
-@pytest.mark.parametrize("zero", ["-0", "-0.0", "-.0", "-00.0e-5", "-0E+3"])
-def test_a_zero_has_no_sign(zero):
-    for settings in (parsed("--pair", zero, "2"), parsed("--pair", "1", zero)):
-        assert all(math.copysign(1, number) == 1 for number in settings.pair)
-    assert parsed(f"--count={zero}", "--count=-3") == Settings(count=-3)
-    assert parsed("--pair", "-0.5", "-10") == Settings(pair=(-0.5, -10.0))
 
 
 def test_words_that_are_no_flags_stay_where_they_are():
