@@ -52,6 +52,8 @@ class AugmentConfig:
             if not (math.isfinite(value) and 0 <= value <= highest):
                 expected = "at least 0" if highest == math.inf else f"0 to {highest:g}"
                 raise ValueError(f"--augment.{name.replace('_', '-')} must be {expected}, got {value}")
+            if value == 0:
+                object.__setattr__(self, name, 0.0)  # not -0.0, for which NumPy draws nothing from -value to value
         if self.contrast == 0:
             raise ValueError("--augment.contrast must be over 0; 1 leaves the contrast as it is")
 

@@ -1,6 +1,7 @@
 """Each part of the augmentation, alone, does what it says and nothing else."""
 
-from dataclasses import replace
+import math
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -122,6 +123,12 @@ def test_nothing_leaves_the_range() -> None:
     for seed in range(20):
         for eye in augment(255 - 4 * (left - 90), right, AugmentConfig(), np.random.default_rng(seed)):
             assert eye.dtype == np.float32 and eye.min() >= 0 and eye.max() <= 1
+
+
+def test_a_zero_has_no_sign() -> None:
+    names = [name for name in asdict(AugmentConfig()) if name != "contrast"]
+    values = asdict(AugmentConfig(**dict.fromkeys(names, -0.0)))
+    assert all(math.copysign(1, values[name]) == 1 for name in names)
 
 
 def test_parts_of_the_augmentation_can_be_turned_off(plane_samples) -> None:
