@@ -96,8 +96,8 @@ def draw_side_by_side(
     """
     shown = []
     for pair in (pairs[i] for i in spread(len(pairs), SHOWN)):
-        left, right, rig = pair.read()
-        shown.append(PairMaps.of(pair.name, left, predictions_of(methods, left, right, rig, align_rows)))
+        images = pair.read()
+        shown.append(PairMaps.of(pair.name, images.left, predictions_of(methods, images, align_rows)))
     side_by_side_figure(shown, path)
 
 

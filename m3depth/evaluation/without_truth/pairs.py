@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,12 @@ from m3depth.datasets.folders import partners
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
+from m3depth.estimator import Estimator, inferred, takes_setting
+from m3depth.prediction.common_disparity import nearest_without, taken_out
 from m3depth.prediction.masks import is_valid_mask
+from m3depth.prediction.settings import Infer
+from m3depth.stereo.pairs import NEAREST
+from m3depth.stereo.rows import align_rows
 from marssim.base.calibration.rectified import align_right
 from marssim.base.camera import StereoRig
 from marssim.base.files.json_file import DatasetError
@@ -26,6 +32,36 @@ def are_without_truth(config: DataConfig) -> bool:
 
 
 @dataclass(frozen=True)
+class PairImages:
+    """A pair as the methods see it.
+
+    Attributes:
+        left, right: (H, W) or (H, W, 3) uint8, rectified.
+        rig: The cameras of these images.
+        common: Common disparity that stays out while the pair is matched [px].
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    rig: StereoRig
+    common: float = 0.0
+
+    def with_aligned_rows(self) -> PairImages:
+        """Return the pair with a right image whose rows do not lie significantly apart from those of the left one."""
+        return replace(self, right=align_rows(self.left, self.right, self.rig)[0])
+
+    def infer(self, method: Estimator) -> Infer:
+        """Return what predicts this pair, or its mirrored one, by a method.
+
+        The method looks for disparities as large as those of its nearest depth less the common one. What it returns
+        lacks the common disparity, which `given_back` gives back.
+        """
+        if not (self.common and takes_setting(method, "nearest")):
+            return partial(inferred, method)
+        return partial(inferred, method, nearest=nearest_without(NEAREST, self.rig, self.common))
+
+
+@dataclass(frozen=True)
 class ImagePair:
     """The files of a pair, and what reads its calibration."""
 
@@ -34,8 +70,9 @@ class ImagePair:
     right: Path
     calibration: CalibrationReader
 
-    def read(self) -> tuple[np.ndarray, np.ndarray, StereoRig]:
-        """Return both images, uint8, the right one without the difference of the eyes' principal points, and the rig.
+    def read(self) -> PairImages:
+        """Return the images and the rig. A small difference of the eyes' principal points is taken out of the right
+        image; a large one, as of cameras that are turned towards each other, stays out as in m3depth.predict.
 
         Raises:
             DatasetError: A file cannot be used; the message names it.
@@ -44,8 +81,10 @@ class ImagePair:
             left, right = read_pair(self.left, self.right)
         except ValueError as error:
             raise DatasetError(str(error)) from None
-        calibration = self.calibration(left.shape[1], left.shape[0])
-        return left, align_right(right, calibration.shift), calibration.rig(left.shape[1], left.shape[0])
+        height, width = left.shape[:2]
+        calibration = self.calibration(width, height)
+        common = taken_out(calibration.shift, width)
+        return PairImages(left, align_right(right, calibration.shift - common), calibration.rig(width, height), common)
 
 
 def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:

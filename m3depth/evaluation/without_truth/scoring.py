@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import Estimator, inferred
+from m3depth.estimator import Estimator
 from m3depth.evaluation.cost import measured
+from m3depth.evaluation.without_truth.pairs import PairImages
 from m3depth.evaluation.without_truth.photometric import residuals
+from m3depth.prediction.common_disparity import given_back
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
-from m3depth.stereo.rows import align_rows
-from marssim.base.camera import StereoRig
 
 COLUMNS = {  # title and number of decimals of each score
     "agreement": ("eyes agree [%] ↑", 100, 1),
@@ -28,15 +27,12 @@ COLUMNS = {  # title and number of decimals of each score
 }
 
 
-def score_pair(
-    methods: Mapping[str, Estimator], left: np.ndarray, right: np.ndarray, rig: StereoRig, align: bool = False
-) -> dict[str, dict[str, float]]:
+def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool = False) -> dict[str, dict[str, float]]:
     """Score every method on a pair.
 
     Args:
         methods: The methods, by the name of their column.
-        left, right: (H, W) or (H, W, 3) uint8, rectified.
-        rig: The cameras of these images.
+        pair: The pair.
         align: Whether to align the rows first where they lie significantly apart.
 
     Returns:
@@ -48,25 +44,29 @@ def score_pair(
         EstimatorError: A method returned something else than a whole Prediction.
     """
     if align:
-        right, _ = align_rows(left, right, rig)
+        pair = pair.with_aligned_rows()
+    left, right, rig = pair.left, pair.right, pair.rig
     matched = SGBM().match(left, right, rig)
     residual_of_sgbm = residuals(left, right, matched)
     scores = {}
     for name, method in methods.items():
-        infer = partial(inferred, method)
+        infer = pair.infer(method)
         prediction, cost = measured(infer, left, right, rig)
         difference = left_right_difference(infer, left, right, rig, prediction)
         scores[name] = {**_figures(left, right, prediction, difference, residual_of_sgbm), "seconds": cost.seconds}
     return scores
 
 
-def predictions_of(
-    methods: Mapping[str, Estimator], left: np.ndarray, right: np.ndarray, rig: StereoRig, align: bool = False
-) -> dict[str, Prediction]:
-    """Return what every method predicts of a pair. Arguments and errors are those of score_pair."""
+def predictions_of(methods: Mapping[str, Estimator], pair: PairImages, align: bool = False) -> dict[str, Prediction]:
+    """Return what every method predicts of a pair, with a common disparity given back. Arguments and errors are those
+    of score_pair.
+    """
     if align:
-        right, _ = align_rows(left, right, rig)
-    return {name: inferred(method, left, right, rig) for name, method in methods.items()}
+        pair = pair.with_aligned_rows()
+    return {
+        name: given_back(pair.infer(method)(pair.left, pair.right, pair.rig), pair.rig, pair.common)
+        for name, method in methods.items()
+    }
 
 
 def _figures(

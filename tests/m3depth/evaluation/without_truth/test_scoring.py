@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.estimator import EstimatorName
+from m3depth.estimator import EstimatorName, FilledEstimator
 from m3depth.evaluate import main
 from m3depth.evaluation.without_truth import run
-from m3depth.evaluation.without_truth.scoring import means, score_pair, table
+from m3depth.evaluation.without_truth.pairs import PairImages
+from m3depth.evaluation.without_truth.scoring import means, predictions_of, score_pair, table
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
+from tests.m3depth.turned_pairs import RIG, slope, slope_disparity
 
 
 class Truth:
@@ -51,7 +53,7 @@ def command(folder, out, *more) -> list[str]:
 
 def test_the_truth_agrees_and_explains_more_than_an_answer_that_is_off(plane_samples):
     s = plane_samples[0]
-    scores = score_pair({"truth": Truth(s), "off": Truth(s, 2.0), "sgbm": SGBM()}, s.left, s.right, s.rig)
+    scores = score_pair({"truth": Truth(s), "off": Truth(s, 2.0), "sgbm": SGBM()}, PairImages(s.left, s.right, s.rig))
     assert scores["truth"]["agreement"] > 0.95 and scores["off"]["agreement"] < 0.05
     assert scores["truth"]["residual"] < 0.5 * scores["off"]["residual"]
     assert scores["sgbm"]["residual_ratio"] == pytest.approx(1) and scores["off"]["residual_ratio"] > 2
@@ -118,3 +120,44 @@ def test_flags_of_pairs_with_truth_are_refused(folder, tmp_path, capsys, more, m
     assert main(command(folder, tmp_path / "out", *more)) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+TAKEN_OUT = 200.0  # [px] of all disparities, in images of 320 px
+
+
+def write_rectified(folder, name="", scale=1.0, **rig):
+    """A pair as m3depth.rectify writes it, of cameras that are turned towards each other."""
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    for eye, image in zip(("left", "right"), slope(), strict=True):
+        image = cv2.resize(image, None, fx=scale, fy=scale)
+        cv2.imwrite(str(folder / name / f"{eye}.png"), image)
+    scaled = RIG.resized(image.shape[1], image.shape[0])
+    content = {**scaled.to_dict(), "shift": TAKEN_OUT * scale, **rig}
+    (folder / name / "rig.json").write_text(json.dumps(content))
+    return folder / name
+
+
+def test_a_common_disparity_stays_out_of_the_images_as_in_a_prediction(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    pair = write_rectified(tmp_path)
+    images = ["--data", str(tmp_path), "--left", "left.png", "--right", "right.png"]
+    assert main([*images, "--calib", str(pair / "rig.json"), "--out", str(tmp_path / "out")]) == 0
+    results = json.loads((tmp_path / "out/results.json").read_text())["methods"]
+    assert results["SGBM"]["unknown"] < 0.4 and results["SGBM"]["agreement"] > 0.95
+
+
+def test_depth_and_the_nearest_one_are_those_with_the_common_disparity():
+    asked = []
+
+    class Network(SGBM):
+        def infer(self, left, right, rig, nearest=None):
+            asked.append(nearest)
+            return super().infer(left, right, rig)
+
+    images = PairImages(*slope(), RIG, TAKEN_OUT)
+    methods = {"network": Network(), "filled": FilledEstimator(Network())}
+    depth = predictions_of(methods, images)["network"].depth
+    expected = RIG.fb / (slope_disparity(RIG) + TAKEN_OUT)
+    assert np.nanmedian(np.abs(depth / expected - 1)) < 0.005
+    score_pair(methods, images)
+    assert len(asked) == 6 and set(asked) == {RIG.fb}  # 0.84 m lies farther off than all that the images show
