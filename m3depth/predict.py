@@ -60,7 +60,7 @@ import numpy as np
 from m3depth.estimator import Estimator
 from m3depth.prediction.batch import MARK, Batch, cloud_pose, ending, predict_many, read_and_prepare, record_of
 from m3depth.prediction.figure import depth_range_shown
-from m3depth.prediction.files import write_prediction
+from m3depth.prediction.files import files_in, single_folder, write_prediction
 from m3depth.prediction.left_right import AGREEMENT
 from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair
 from m3depth.prediction.options import PredictOptions
@@ -71,7 +71,6 @@ from m3depth.prediction.sources.raw_pairs import FOLDER
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
-from marssim.base.results.claim import ResultFolder
 from marssim.base.view.show import check_viewer, show
 
 
@@ -117,7 +116,7 @@ def _view(options: PredictOptions, inputs: Inputs, pairs: Sequence[PairInput]) -
 def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator | None) -> Prediction:
     """Predict one pair into --out itself. Raises as `predict` does."""
     (pair,) = inputs.pairs
-    folder = ResultFolder(options.out, "prediction")
+    folder = single_folder(options.out)
     folder.check()
     if (options.out / MARK).is_file():
         raise ValueError(f"--out {options.out}: holds predictions of many pairs; choose another")
@@ -128,9 +127,14 @@ def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     record = record_of(read, inputs, prepared.rig, method, options)
     result = predict_pair(prepared, method, options)
     shown = depth_range_shown(result.prediction.depth)
-    with folder.claim():
+    with folder.claim() as previous:
         record |= ending(result, shown)
-        count = write_prediction(options.out, result, options, record, shown, cloud_pose(record), with_rows=True)
+        earlier = files_in(options.out)
+        count = write_prediction(
+            options.out, result, options, record, shown, cloud_pose(record), single=True, replaces=previous is not None
+        )
+    if deleted := [name for name in earlier if not (options.out / name).exists()]:
+        print(f"note: {options.out}: deleted {', '.join(deleted)} of the earlier prediction", file=sys.stderr)
     if result.rectified is not None:
         print(f"{options.out / FOLDER}: {result.rectified.summary()}")
     print(f"{options.out}: {_summary(result, count)}")

@@ -1,6 +1,7 @@
 """python -m m3depth.rectify: products and images, its files, and what it refuses in one line."""
 
 import json
+import shutil
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -67,6 +68,14 @@ def test_images_with_a_calibration(tmp_path, images, capsys):
     calibration = read_calibration(out / "rig.json")
     assert calibration.size == SIZE and calibration.baseline == pytest.approx(PAIR.baseline)
     assert cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED).shape == SIZE[::-1]
+
+
+def test_raw_images_in_the_folder_of_the_results_are_not_replaced(tmp_path, images, capsys):
+    left, right = (shutil.copy(path, tmp_path / f"{eye}.png") for eye, path in zip(("left", "right"), images))
+    before = left.read_bytes()
+    assert main([str(left), str(right), "--calib", str(images[2]), "--out", str(tmp_path)]) == 2
+    line = f"error: --out {tmp_path}: its left.png would be replaced, and no report.json says that it is of an earlier"
+    assert capsys.readouterr().err.startswith(line) and left.read_bytes() == before
 
 
 def test_a_rectified_pair_can_be_rectified_again_by_its_rig_file(tmp_path, images):
