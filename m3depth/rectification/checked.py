@@ -17,6 +17,7 @@ from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
 from marssim.base.calibration.read_pair import labelled_pair, read_raw_calibration
 
+NEEDS_CALIB = "--fisheye is of a calibration with OpenCV's names: give it with --calib, or leave --fisheye out"
 FEW = 100  # matches under which the rows are hardly judged
 IN_ROWS = 0.5  # [px] by which the rows of rectified images may lie apart
 LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther apart than before show a mistake
@@ -94,6 +95,8 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
     Raises:
         ValueError: There is none, and --align does not ask for one.
     """
+    if options.raw.fisheye and not options.calib:
+        raise ValueError(NEEDS_CALIB)
     if options.calib:
         name = " and ".join(map(str, options.calib))
         cameras = read_raw_calibration(options.calib, options.raw.fisheye)

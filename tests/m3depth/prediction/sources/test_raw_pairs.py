@@ -270,3 +270,13 @@ def test_what_is_refused(tmp_path, images, capsys):
     assert "match the wrong way round: exchange left and right" in refused(capsys, out, *pair[::-1], *calib)
     never = refused(capsys, out, *pair, *calib, "--rectify", "never")
     assert "is a calibration of images that are not rectified" in never
+
+
+@needs_pdr
+def test_a_fisheye_that_the_calibration_is_not_of_is_one_line(tmp_path, images, products, capsys):
+    pair, out = (images / "left.png", images / "right.png"), tmp_path / "out"
+    line = refused(capsys, out, *pair, "--calib", images / "camchain.yaml", "--fisheye")
+    assert "camchain.yaml: says which lens it is of, and that is no fisheye; leave --fisheye out" in line
+    (left,) = products.glob("NL*")
+    for source in (left, products):
+        assert "--fisheye is of a calibration with OpenCV's names" in refused(capsys, out, source, "--fisheye")

@@ -367,3 +367,28 @@ def test_exchanged_cameras_are_refused():
         common_orientation(ahead)
     with pytest.raises(ValueError, match="both files of one eye"):
         PosedPair(pair().left, pair().left)
+
+
+@pytest.mark.parametrize(
+    ("says", "message"),
+    [
+        ("distortion_model: radtan", "distortion_model radtan says that the lenses are no fisheyes; leave --fisheye"),
+        ("model: plumb_bob", "model plumb_bob says that the lenses are no fisheyes; leave --fisheye out"),
+        ("fisheye: 0", "fisheye 0 says that the lenses are no fisheyes; leave --fisheye out"),
+    ],
+)
+def test_a_file_that_says_that_it_is_of_no_fisheye_is_not_read_as_one(tmp_path, says, message):
+    path = tmp_path / "stereo.yml"
+    path.write_text(opencv_text(pair()).replace("distortion_model: radtan", says))
+    assert_same(read_raw_calibration([path]), pair())
+    with pytest.raises(ValueError, match=rf"stereo\.yml: {message}"):
+        read_raw_calibration([path], fisheye=True)
+
+
+def test_the_fisheye_flag_does_not_override_kalibr(tmp_path):
+    path = tmp_path / "camchain.yaml"
+    path.write_text(kalibr_text(pair(Fisheye)))
+    assert_same(read_raw_calibration([path], fisheye=True), pair(Fisheye))
+    path.write_text(kalibr_text(pair()))
+    with pytest.raises(ValueError, match=r"camchain.yaml: says which lens it is of, and that is no fisheye"):
+        read_raw_calibration([path], fisheye=True)
