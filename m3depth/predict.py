@@ -58,7 +58,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from m3depth.estimator import Estimator
-from m3depth.prediction.batch import MARK, Batch, cloud_pose, ending, predict_many, read_and_prepare, record_of
+from m3depth.prediction.batch import (
+    MARK,
+    Batch,
+    cloud_pose,
+    ending,
+    mount_warnings,
+    predict_many,
+    read_and_prepare,
+    record_of,
+)
 from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import files_in, single_folder, write_prediction
 from m3depth.prediction.left_right import AGREEMENT
@@ -122,9 +131,9 @@ def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator |
         raise ValueError(f"--out {options.out}: holds predictions of many pairs; choose another")
     read, prepared = read_and_prepare(inputs, pair, options)
     method = Method.of(options, estimator)
-    for message in prepared.warnings:
-        print(f"warning: {message}", file=sys.stderr)
     record = record_of(read, inputs, prepared.rig, method, options)
+    for message in (*prepared.warnings, *mount_warnings(record, options)):
+        print(f"warning: {message}", file=sys.stderr)
     result = predict_pair(prepared, method, options)
     shown = depth_range_shown(result.prediction.depth)
     with folder.claim() as previous:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +27,7 @@ from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs
 from m3depth.prediction.sources.pair_input import PairInput
-from m3depth.prediction.sources.poses import rover_pose
+from m3depth.prediction.sources.poses import ASSUMED_KEY, MOUNT_ASSUMED
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from m3depth.prediction.step_figure import steps_record
 from m3depth.rectification.files import ROVER_KEY
@@ -147,11 +147,23 @@ def record_of(
         **({} if pair.raw is None else {"raw": [str(path) for path in pair.raw]}),
         **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
-        ROVER_KEY: rover_pose(options, pair.given[0], rig.baseline, pair.on_rover).tolist(),
+        ROVER_KEY: inputs.on_rover(pair, rig, options).tolist(),
+        ASSUMED_KEY: inputs.is_mount_assumed(pair, options),
         "pose": None if pose is None else pose.tolist(),
         "world": pair.group or None,
         "cloud_frame": options.cloud_frame,
     }  # fmt: skip
+
+
+def mount_warnings(record: Mapping[str, Any], options: PredictOptions) -> list[str]:
+    """Return a warning if the clouds or the poses of a pair depend on an assumed place of the cameras on the rover.
+
+    Args:
+        record: As of record_of.
+        options: The command's flags.
+    """
+    matters = options.cloud_frame == "rover" or (options.poses is not None and options.pose_axes == "camera")
+    return [MOUNT_ASSUMED] if matters and record[ASSUMED_KEY] else []
 
 
 def cloud_pose(record: dict[str, Any]) -> np.ndarray:
@@ -233,6 +245,7 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None
+        warned: list[str] = []
         for pair, prepared in zip(watched(rest, "pair", "predict"), _ahead(reader, ready, rest)):
             assert method is not None
             try:
@@ -247,6 +260,10 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
                 batch.skipped[pair.name] = describe(error)
                 tqdm.write(f"warning: {pair.name} is skipped: {describe(error)}", file=sys.stderr)
                 continue
+            if not warned:
+                warned = mount_warnings(record, options)
+                for message in warned:
+                    tqdm.write(f"warning: {message}", file=sys.stderr)
             for message in work.warnings:
                 tqdm.write(f"warning: {pair.name}: {message}", file=sys.stderr)
             result = predict_pair(work, method, options)

@@ -115,6 +115,32 @@ def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
     assert about["pairs"] == 3 and about["west_south_m"][0] == pytest.approx(1000, abs=0.11)
 
 
+def test_an_assumed_place_on_the_rover_is_a_warning(tmp_path, capsys):
+    write_pair(tmp_path / "pair", pose=False)
+    record = json.loads((tmp_path / "pair/prediction.json").read_text())
+    for assumed in (True, False):
+        (tmp_path / "pair/prediction.json").write_text(json.dumps({**record, "mount_assumed": assumed}))
+        assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+        error = capsys.readouterr().err
+        assert ("pair: nothing said where the camera is on the rover, so Zhurong's place" in error) == assumed
+    assert error == ""
+
+
+def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
+    write_pair(tmp_path / "pair", pose=False)
+    depth = np.load(tmp_path / "pair/depth.npy")
+    depth[:-3] = 40.0  # a plain behind a strip of ground, which hardly makes a map
+    np.save(tmp_path / "pair/depth.npy", depth)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "warning: 98 % of the depth lies beyond --max-range 12 m: give a larger one"
+    assert second.startswith("warning: only 0.") and "m2 of ground are visible, too little" in second
+    depth[:] = 40.0
+    np.save(tmp_path / "pair/depth.npy", depth)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 2
+    assert "makes a map: 100 % of the depth lies beyond --max-range 12 m" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("case", "message"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
-from m3depth.prediction.sources.poses import read_poses, rover_pose
+from m3depth.prediction.sources.poses import given_rover_pose, read_poses, rover_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
@@ -111,8 +112,34 @@ class Inputs:
         if options.pose_axes == "z-up":
             return pose
         start = self._first
-        world = rover_pose(options, start.given[0], rig.baseline, start.on_rover)
+        world = self.on_rover(start, rig, options)
         return np.asarray(world @ (pose if start.raw_frame is None else np.linalg.inv(start.raw_frame) @ pose))
+
+    def is_mount_assumed(self, pair: PairInput, options: PredictOptions) -> bool:
+        """Return whether nothing says where the camera is on the rover, so that on_rover is a guess.
+
+        Datasets of marssim and Zhurong's cameras by name are of the rover whose place is assumed.
+        """
+        if pair.sample is not None or options.calib == (NATECAM_NAME,) or pair.on_rover is not None:
+            return False
+        return given_rover_pose(options, pair.given[0], 1.0) is None
+
+    def on_rover(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray:
+        """Return the pose of the left camera on the rover, (4, 4) camera to rover.
+
+        What the frames of a bag say holds even beside --mount: the bag of the results has these frames too.
+
+        Args:
+            pair: The pair, as it is read.
+            rig: Its cameras.
+            options: The command's flags.
+
+        Raises:
+            DatasetError: As rover_pose.
+        """
+        if isinstance(self.recording, BagPairs) and pair.on_rover is not None:
+            return pair.on_rover
+        return rover_pose(options, pair.given[0], rig.baseline, pair.on_rover)
 
     @cached_property
     def _first(self) -> PairInput:
@@ -159,6 +186,9 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
     if isinstance(inputs.recording, BagPairs) and options.poses is not None:
         _check_poses_of_bag(options)
+    if isinstance(inputs.recording, BagPairs) and options.mount and any(p.on_rover is not None for p in inputs.pairs):
+        where = f"the frames of {options.images[0]} say where the cameras are on the rover"
+        print(f"warning: {where}: --mount is not used", file=sys.stderr)
     if not inputs.pairs:
         raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:

@@ -213,6 +213,26 @@ def test_masks_and_clouds_of_the_rover_and_of_the_world(folder, tmp_path):
         assert other.mean(axis=0) == pytest.approx(points[0].mean(axis=0), abs=0.02)
 
 
+def test_a_place_on_the_rover_that_nothing_gives_is_a_warning_once(folder, tmp_path, capsys):
+    said = (
+        "warning: nothing says where the cameras are on the rover: 0.65 m ahead of its origin, 1.2 m above the ground"
+    )
+    mount = (0.65, 1.2, 20.0)
+    for name, flags, count in (
+        ("rover", {"cloud_frame": "rover"}, 1), ("camera", {}, 0),
+        ("given", {"cloud_frame": "rover", "mount": mount}, 0),
+        ("poses", {"poses": folder / "poses.txt", "pose_axes": "camera"}, 1),
+    ):  # fmt: skip
+        predict(options(folder, tmp_path / name, write=("depth", "cloud"), **flags), SGBM())
+        assert capsys.readouterr().err.count(said) == count
+        record = json.loads((tmp_path / name / "2/prediction.json").read_text())
+        assert record["mount_assumed"] == (name != "given")
+    images = tuple(folder / eye / "0.png" for eye in ("left", "right"))
+    one = options(folder, tmp_path / "one", left=None, right=None, cloud_frame="rover", write=("depth",))
+    predict(replace(one, images=images), SGBM())
+    assert capsys.readouterr().err.count(said) == 1
+
+
 def test_one_pair_does_not_go_into_a_folder_of_many(folder, tmp_path):
     predict(options(folder, tmp_path, write=("depth",)), SGBM())
     one = replace(
