@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,13 +11,14 @@ import numpy as np
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners
-from m3depth.datasets.image_files import read_pair
-from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
+from m3depth.datasets.image_files import image_size, read_pair
+from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.estimator import Estimator, inferred, takes_setting
 from m3depth.prediction.common_disparity import nearest_without, taken_out
 from m3depth.prediction.masks import is_valid_mask
 from m3depth.prediction.settings import Infer
+from m3depth.rectification.files import RIG_FILE, rig_beside
 from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.rows import align_rows
 from marssim.base.calibration.rectified import align_right
@@ -95,21 +96,40 @@ def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:
         config: The patterns, and the calibration.
 
     Raises:
-        DatasetError: There are none, an image has no partner, or nothing gives the calibration; the message names it.
+        DatasetError: There are none, an image has no partner, or a pair has no calibration or one of another size; the
+            message names it.
     """
     if not root.is_dir():
         raise DatasetError(f"{root}: no such folder")
     for name in ("unit", "normal", "normal_frame", "normals", "resize", "depth_range"):
         if name in config.changed_fields():
             raise DatasetError(f"--{name.replace('_', '-')} is for pairs with true depth; give --disparity or --depth")
-    rigs = given_rig(config)
-    if rigs is None and not (root / "calib.txt").is_file():
-        raise DatasetError(f"{root}: pairs need --calib, or --focal and --baseline, or {root / 'calib.txt'}")
-    return list(_pairs(root, config, rigs or FileRig))
+    pairs = list(_pairs(root, config))
+    for pair in pairs:  # what does not fit is said before hours of scoring, not after
+        if (size := image_size(pair.left)) is not None:
+            pair.calibration(*size)
+    return pairs
 
 
-def _pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[ImagePair]:
+def calibration_files(pairs: Sequence[ImagePair]) -> list[Path]:
+    """Return the calibration files of the pairs, each once."""
+    return list(dict.fromkeys(pair.calibration.file for pair in pairs if isinstance(pair.calibration, FileRig)))
+
+
+def _pairs(root: Path, config: DataConfig) -> Iterator[ImagePair]:
     assert config.left is not None and config.right is not None
+    rigs = given_rig(config) or partial(_own_rig, root)
     for left, right in partners(root, (config.left, config.right), is_valid_mask):
         name = left.relative_to(root).with_suffix("").as_posix()
         yield ImagePair(name, left, right, rigs(root / "calib.txt", left))
+
+
+def _own_rig(root: Path, calib: Path, left: Path) -> CalibrationReader:
+    """Return the calibration of a pair that no flag gives: of the folder, or the rig file of m3depth.rectify."""
+    for file in (calib, rig_beside(left)):
+        if file.is_file():
+            return FileRig(file, left)
+    raise DatasetError(
+        f"{root}: pairs need --calib, or --focal and --baseline, or {calib}, or a {RIG_FILE} beside each: "
+        f"{left.parent} has none"
+    )

@@ -161,3 +161,36 @@ def test_depth_and_the_nearest_one_are_those_with_the_common_disparity():
     assert np.nanmedian(np.abs(depth / expected - 1)) < 0.005
     score_pair(methods, images)
     assert len(asked) == 6 and set(asked) == {RIG.fb}  # 0.84 m lies farther off than all that the images show
+
+
+def test_each_pair_has_the_rig_beside_it_and_pairs_of_two_cameras_are_scored(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    write_rectified(tmp_path, "a/rectified")
+    write_rectified(tmp_path, "b/rectified", 0.75)
+    images = ["--data", str(tmp_path), "--left", "*/rectified/left.png", "--right", "*/rectified/right.png"]
+    assert main([*images, "--out", str(tmp_path / "out")]) == 0
+    records = json.loads((tmp_path / "out/results.json").read_text())["per_pair"]
+    assert [record["pair"] for record in records] == ["a/rectified/left", "b/rectified/left"]
+    assert all(record["SGBM"]["agreement"] > 0.9 for record in records)
+
+    def never(*arguments):
+        raise AssertionError("a pair is scored")
+
+    capsys.readouterr()
+    monkeypatch.setattr(run, "score_pair", never)
+    calib = tmp_path / "a/rectified/rig.json"
+    assert main([*images, "--calib", str(calib), "--out", str(tmp_path / "other")]) == 2
+    line = f"error: {calib}: is for 320 x 256 px, {tmp_path}/b/rectified/left.png is 240 x 192\n"
+    assert capsys.readouterr().err == line and not (tmp_path / "other").exists()
+    (tmp_path / "b/rectified/rig.json").unlink()
+    assert main([*images, "--out", str(tmp_path / "other")]) == 2
+    assert f"or a rig.json beside each: {tmp_path}/b/rectified has none" in capsys.readouterr().err
+
+
+def test_a_calibration_of_raw_cameras_does_not_ask_for_the_flag_that_gave_it(folder, tmp_path, capsys):
+    matrix = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [100, 0, 47, 0, 100, 31, 0, 0, 1]\n"
+    (tmp_path / "stereo.yml").write_text(f"%YAML:1.0\n---\nK1: {matrix}K2: {matrix}")
+    words = ["--data", str(folder), "--left", "left/*.png", "--right", "right/*.png", "--out", str(tmp_path / "out")]
+    assert main([*words, "--calib", str(tmp_path / "stereo.yml")]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith("rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)\n")
