@@ -116,9 +116,12 @@ def read_and_prepare(
         calibration = make_calibration(options, height, width, pair.given[0], read.pair.calibration)
     except (ValueError, FileNotFoundError) as error:
         raise WrongCalibration(str(error)) from None
+    checked = read.rectified
+    if checked is not None and checked.pair.view is None:
+        checked = checked.with_scale(calibration)
     return read.pair, prepare(
         read.left, read.right, calibration, options, inputs.labels(pair), inputs.files(pair), thorough, read.valid,
-        read.rectified,
+        checked,
     )  # fmt: skip
 
 

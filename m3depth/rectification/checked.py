@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
 from marssim.base.calibration.read_pair import labelled_pair, read_raw_calibration
+from marssim.base.calibration.rectified import Calibration
 
 NEEDS_CALIB = "--fisheye is of a calibration with OpenCV's names: give it with --calib, or leave --fisheye out"
+AS_THEY_ARE = "none of the raw cameras: focal length and baseline are given for the images as they are"
 FEW = 100  # matches under which the rows are hardly judged
 IN_ROWS = 0.5  # [px] by which the rows of rectified images may lie apart
 LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther apart than before show a mistake
@@ -44,15 +46,25 @@ class CheckedPair:
         """Write every file that m3depth.rectify lists. Raises as write_pair."""
         write_pair(out, self.left, self.right, self.pair, self.report, with_picture)
 
+    def with_scale(self, calibration: Calibration) -> CheckedPair:
+        """Return a pair without a calibration of the raw cameras, with that of the images as they are.
+
+        Args:
+            calibration: Of the images as they are; the rectified ones keep their geometry.
+        """
+        height, width = self.pair.left_valid.shape
+        pair = replace(self.pair, given=replace(calibration, size=(width, height)))
+        return replace(self, pair=pair, report=make_report(self.left, self.right, pair, AS_THEY_ARE))
+
     def summary(self) -> str:
         """Return what was done, in a line."""
         pair = self.pair
         height, width = pair.left_valid.shape
         parts = [f"{width} x {height} px"]
-        if pair.view is None:
+        if (scale := pair.calibration) is None:
             parts.append("no scale: depth has no unit")
         else:
-            parts.append(f"focal length {pair.view.left.fx:.1f} px, baseline {pair.view.baseline:.5f} m")
+            parts.append(f"focal length {scale.fx:.1f} px, baseline {scale.baseline:.5f} m")
         if pair.matches is not None:
             before, after = pair.matches.before, pair.matches.after
             parts.append(

@@ -126,21 +126,23 @@ def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibratio
             name: round(float(getattr(pair, f"{name}_valid").mean()), 4) for name in ("left", "right")
         },
     }  # fmt: skip
-    if pair.view is None or pair.cameras is None:
+    scale = pair.calibration
+    if scale is None:
         report["scale"] = NO_SCALE
     else:
+        report.update(scale="metres", focal_px=float(scale.fx), baseline_m=float(scale.baseline))
+    if pair.view is not None and pair.cameras is not None:
         report.update(
-            scale="metres", focal_px=float(pair.view.left.fx), baseline_m=pair.view.baseline,
             vergence_deg=round(float(np.rad2deg(pair.cameras.vergence)), 4),
             common_disparity_taken_out_px=round(float(pair.view.shift), 6),
-        )  # fmt: skip
+        )
     rows: dict[str, Any] = {"raw": None, "rectified": None, "removed": None}
     if pair.matches is not None:
         rows.update(raw=pair.matches.before.as_dict(), rectified=pair.matches.after.as_dict())
         report["disparity_of_matches_px"] = _percentiles(pair.matches.disparity)
-        if pair.view is not None:
-            d = pair.matches.disparity + pair.view.shift
-            report["depth_of_matches_m"] = _percentiles(pair.view.left.fx * pair.view.baseline / d[d > 0])
+        if scale is not None:
+            d = pair.matches.disparity + scale.shift
+            report["depth_of_matches_m"] = _percentiles(scale.fx * scale.baseline / d[d > 0])
     if pair.removed is not None:
         rows["removed"] = {
             "terms_px": [round(term, 4) for term in pair.removed.terms],
