@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -291,15 +292,23 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
 
 
 def _listed(file: Path) -> Iterator[PairInput]:
-    """Yield the pairs of a list, whose paths start from its folder."""
-    for words in read_list(file, (2, 3)):
+    """Yield the pairs of a list, whose paths start from its folder.
+
+    Their names are the paths of the left images. If one of these leads elsewhere, they begin in the folder that all
+    left images have in common.
+    """
+    rows = read_list(file, (2, 3))
+    roots = [Path(os.path.abspath(file.parent / words[0])).parent for words in rows]
+    leads_elsewhere = any(Path(words[0]).is_absolute() or ".." in Path(words[0]).parts for words in rows)
+    common = Path(os.path.commonpath(roots)) if leads_elsewhere else None
+    for words, root in zip(rows, roots, strict=True):
         left, right = (file.parent / word for word in words[:2])
         for path in (left, right):
             if not path.is_file():
                 raise DatasetError(f"{path}: no such file; {file} names it")
         name = Path(words[0]).with_suffix("").as_posix()
-        if Path(words[0]).is_absolute() or ".." in Path(words[0]).parts:
-            name = left.stem
+        if common is not None:
+            name = (root.relative_to(common) / left.stem).as_posix()
         yield _with_calibration(PairInput(name, left, right), file.parent / "calib" / f"{left.stem}.txt")
 
 
