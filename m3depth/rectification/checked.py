@@ -168,11 +168,11 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
         beyond = "" if pair.view is not None else ", or the cameras are turned towards each other"
         findings.append((True, f"{names} match the wrong way round: exchange left and right{beyond}"))
     if matches.after.median > row_limit(WRONG_ROWS, pair.left_valid.shape[1]):
-        apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
+        apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification (median)"
         question = "is the calibration that of these images, and the left image the first one?"
         findings.append((True, f"{apart}: {question} --align fits the rows to matches"))
     elif matches.before.median < IN_ROWS and matches.after.median > expected_most:
-        rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after"
+        rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after (medians)"
         findings.append((True, f"the rows of {names} lay {rows}: are the images rectified already?"))
     elif matches.after.points < FEW:
         findings.append((False, f"only {matches.after.points} points of {names} match: the rows are hardly judged"))

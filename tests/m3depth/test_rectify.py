@@ -237,7 +237,7 @@ def test_images_that_are_rectified_already_are_refused(tmp_path, images, capsys)
     capsys.readouterr()
     one = tmp_path / "one"
     line = refused(capsys, one / "left.png", one / "right.png", "--calib", calib, tmp_path / "two")
-    assert "px after: are the images rectified already?" in line
+    assert "px after (medians): are the images rectified already?" in line
 
 
 def test_a_lens_that_folds_over_inside_the_image_is_refused(tmp_path, images, capsys):
@@ -252,7 +252,7 @@ def test_a_calibration_of_another_rig_is_noticed(tmp_path, images, capsys):
     left, right, calib = images
     (tmp_path / "other.yml").write_text(calib.read_text().replace("183.5", "143.5").replace("295.5", "255.5"))
     line = refused(capsys, left, right, "--calib", tmp_path / "other.yml", "--size", "480", "360", tmp_path / "out")
-    assert "px apart after rectification: is the calibration that of these images, and the left" in line
+    assert "px apart after rectification (median): is the calibration that of these images, and the left" in line
 
 
 def test_help_lists_the_flags(capsys):
