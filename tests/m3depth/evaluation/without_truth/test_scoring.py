@@ -62,11 +62,36 @@ def test_the_truth_agrees_and_explains_more_than_an_answer_that_is_off(plane_sam
     assert scores["sgbm"]["sky"] == 0 and scores["sgbm"]["unknown"] > 0.05  # what it only filled
 
 
+def test_a_method_that_stays_silent_gains_nothing_on_common_pixels(plane_samples):
+    s = plane_samples[0]
+
+    class Half(Truth):
+        """Wrong in the lower half of the image, or silent there."""
+
+        def __init__(self, sample, silent: bool) -> None:
+            super().__init__(sample)
+            self.silent = silent
+
+        def infer(self, left, right, rig):
+            out = super().infer(left, right, rig)
+            depth, disparity = out.depth.copy(), out.disparity.copy()
+            lower, nan = np.s_[depth.shape[0] // 2 :], np.float32(np.nan)
+            if self.silent:
+                depth[lower] = disparity[lower] = nan
+            elif np.array_equal(left, s.left):
+                disparity[lower] += 3
+            return Prediction(depth, disparity, None, out.confidence)
+
+    scores = score_pair({"wrong": Half(s, False), "silent": Half(s, True)}, PairImages(s.left, s.right, s.rig))
+    assert scores["wrong"]["agreement"] < 0.7 < 0.95 < scores["silent"]["agreement"]
+    assert scores["wrong"]["common_agreement"] == scores["silent"]["common_agreement"] > 0.95
+
+
 def test_means_leave_out_pairs_without_a_score_and_the_table_shows_it():
     records = [{"a": {"agreement": 0.5, "sky": 0.2}}, {"a": {"sky": 0.4}}]
     assert means(records, ["a"]) == {"a": {"agreement": 0.5, "sky": pytest.approx(0.3)}}
     text = table(means(records, ["a"]), markdown=True)
-    assert text.splitlines()[2] == "| a | 50.0 | - | - | 30.0 | - | - |"
+    assert text.splitlines()[2] == "| a | 50.0 | - | - | - | 30.0 | - | - |"
 
 
 def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys, monkeypatch):
