@@ -16,7 +16,7 @@ frame, x ahead and y left, where the rover stands level. It writes into --out, a
     roughness.tif        RMS distance of the ground from the plane of the footprint [m]
     cost.tif             extra cost of a metre at the rover's centre, 0 on even ground
     traversability.tif   0: free; 1: too near to an obstacle for the rover's centre; 2: obstacle; 255: unknown
-    map.png              all of it as a picture, north up, with the cameras
+    map.png              all of it as a picture, north up, with coordinates, the cameras and where they look
     map.json             what the map was made of
 
 The files end where nothing more was seen.
@@ -98,12 +98,14 @@ class PredictedPair:
         folder: The folder of its maps.
         rig: The cameras.
         pose: (4, 4) left camera to world, or to the rover where there is no world.
-        is_assumed: Whether the pose is an assumed place on the rover.
+        is_on_rover: Whether the pose is that on the rover.
+        is_assumed: Whether that pose is an assumed one.
     """
 
     folder: Path
     rig: StereoRig
     pose: np.ndarray
+    is_on_rover: bool = False
     is_assumed: bool = False
 
     def read(self) -> tuple[np.ndarray, np.ndarray | None]:
@@ -159,7 +161,8 @@ def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
         pose = np.zeros(0)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise DatasetError(f"{file}: holds no rig and pose of a pair; predict it again")
-    return PredictedPair(file.parent, rig, pose, record.get("pose") is None and record.get("mount_assumed") is True)
+    on_rover = record.get("pose") is None
+    return PredictedPair(file.parent, rig, pose, on_rover, on_rover and record.get("mount_assumed") is True)
 
 
 @dataclass
@@ -241,10 +244,10 @@ def _work(options: MapOptions) -> None:
         raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m {reason}")
     for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None):
         print(f"warning: {message}", file=sys.stderr)
-    places = np.array([pair.pose[:2, 3] for pair in pairs])
-    window = window_of(elevation, ground, places, options.origin)
+    poses = np.array([pair.pose for pair in pairs])
+    window = window_of(elevation, ground, poses[:, :2, 3], options.origin)
     with folder.claim():
-        write_map(options.out, elevation, ground, window, places, options.epsg)
+        write_map(options.out, elevation, ground, window, poses, options.epsg, of_rover=pairs[0].is_on_rover)
         write_json(options.out / "map.json", {
             "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
             "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],

@@ -11,6 +11,7 @@ from PIL import Image
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.map_file import encode_map
 from marssim.base.pose import look_pose
+from nav.ground.map_files import LEFT, STRIP
 from nav.map import main
 
 RIG = StereoRig(PinholeCamera.centred(160, 120, 120.0), 0.3)
@@ -91,8 +92,11 @@ def test_the_files_end_where_nothing_more_was_seen(tmp_path):
     assert about["west_south_m"] == pytest.approx([west, north - 0.1 * code.shape[0]])
     picture = cv2.imread(str(tmp_path / "map/map.png"))
     factor = 600 // max(code.shape) + 1
-    row, column = 6 + int((north - 0.15) / 0.1 * factor), 6 + int((0.05 - west) / 0.1 * factor)
-    assert (picture[row, column] > 200).all()  # the mark of the camera
+    row, column = 6 + int((north - 0.15) / 0.1 * factor), LEFT + 6 + int((0.05 - west) / 0.1 * factor)
+    assert (picture[row, column] > 200).all()  # the mark of the camera, and the arrow ahead
+    assert (picture[row, column + 15] > 200).all() and not (picture[row, column - 6 : column - 3] > 200).any()
+    height = picture.shape[0]
+    assert (picture[: height - STRIP, : LEFT - 8] < 100).any() and (picture[height - STRIP :, LEFT:] < 100).any()
 
 
 def test_wide_cells_need_fewer_points(tmp_path):
