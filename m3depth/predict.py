@@ -146,23 +146,25 @@ def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator |
         print(f"note: {options.out}: deleted {', '.join(deleted)} of the earlier prediction", file=sys.stderr)
     if result.rectified is not None:
         print(f"{options.out / FOLDER}: {result.rectified.summary()}")
-    print(f"{options.out}: {_summary(result, count)}")
+    print(f"{options.out}: {_summary(result, count if 'cloud' in options.write else None)}")
     return result.prediction
 
 
-def _summary(result: PairPrediction, points: int) -> str:
+def _summary(result: PairPrediction, points: int | None) -> str:
     """Return the depths of a prediction, and what was done to the rows, in a line.
 
     Args:
         result: The prediction.
-        points: Number of points of the cloud.
+        points: Number of points of the cloud; None without one.
     """
     valid = np.isfinite(result.prediction.depth)
     depths = "no depth"
     if valid.any():
         low, middle, high = np.percentile(result.prediction.depth[valid], [5, 50, 95])
         depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
-    line = f"{depths} on {100 * valid.mean():.0f} % of the pixels; {counted(points, 'point')}"
+    line = f"{depths} on {100 * valid.mean():.0f} % of the pixels"
+    if points is not None:
+        line = f"{line}; {counted(points, 'point')}"
     if result.removed is not None:
         line = f"{line}; rows aligned, which lay apart by {result.removed}"
     if result.compared == 0:

@@ -48,6 +48,10 @@ NOT_SETTINGS = (
 )  # fmt: skip
 
 
+class NoResult(ValueError):
+    """No pair can be used."""
+
+
 class WrongCalibration(ValueError):
     """The calibration of a pair cannot be used."""
 
@@ -208,7 +212,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
 
     Raises:
         DatasetError: The folder holds results of other settings, or something else.
-        ValueError: No pair can be used; the message is that of the first.
+        ValueError: No pair can be used.
         KeyboardInterrupt: After SIGINT or SIGTERM, once the pairs at work are written.
     """
     folder = batch_folder(options, inputs)
@@ -218,11 +222,16 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
     is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
     method = None if is_whole else load()
     with folder.claim(), stop_on_signal() as signals:
-        batch = _predict_remaining(options, inputs, method, signals)
+        try:
+            batch = _predict_remaining(options, inputs, method, signals)
+            if not (batch.done or signals):
+                raise NoResult(f"no pair of {len(inputs.pairs)} can be used, see the warnings")
+        except (WrongCalibration, NoResult):
+            if not _has_results(options.out):
+                folder.mark_path.unlink(missing_ok=True)  # so that nothing is left of a new folder
+            raise
         if signals:
             raise KeyboardInterrupt
-        if not batch.done:
-            raise ValueError(next(iter(batch.skipped.values()), f"{inputs.pairs[0].given[0]}: no pair can be read"))
         _write_overview(options, inputs, batch)
     return batch
 
@@ -260,6 +269,8 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
             except (ValueError, OSError) as error:
                 if isinstance(error, WrongCalibration) and shown is None:
                     raise  # it is most likely that of all pairs
+                if len(inputs.pairs) == 1:
+                    raise NoResult(describe(error)) from None
                 batch.skipped[pair.name] = describe(error)
                 tqdm.write(f"warning: {pair.name} is skipped: {describe(error)}", file=sys.stderr)
                 continue

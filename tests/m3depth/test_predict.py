@@ -392,7 +392,7 @@ def test_normals_of_an_earlier_run_do_not_stay_beside_a_prediction_without(pair,
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith("normal")]
 
 
-def test_files_that_are_of_no_prediction_are_not_replaced(pair, tmp_path):
+def test_files_that_are_of_no_prediction_are_not_replaced(pair, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     for name in ("notes.txt", "figure.png"):
@@ -402,6 +402,7 @@ def test_files_that_are_of_no_prediction_are_not_replaced(pair, tmp_path):
     assert sorted(path.name for path in out.iterdir()) == ["figure.png", "notes.txt"]
     (out / "figure.png").unlink()
     predict(options(pair, tmp_path, write=("depth",)), Wall())
+    assert "% of the pixels\n" in capsys.readouterr().out  # no points are counted without a cloud
     assert (out / "notes.txt").read_text() == "mine" and (out / "depth.npy").is_file()
 
 

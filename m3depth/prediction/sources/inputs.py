@@ -200,6 +200,8 @@ def find_inputs(options: PredictOptions) -> Inputs:
         inputs = replace(inputs, pairs=pairs)
     first = inputs.pairs[0]
     is_rectified = first.calibration is not None and inputs.recording is None  # as those of datasets are
+    if options.rectify == "never" and is_product(first.left):
+        raise ValueError(f"--rectify never: {first.left} is a product of a rover, and these are raw; leave it out")
     asked = options.rectify == "always" or options.raw.align
     if not is_bag_alone and must_be_rectified(options, first.left) and (asked or not is_rectified):
         inputs = _rectified(inputs, options)

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from m3depth.predict import main, predict
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.overview import shortened, write_sheet
 from m3depth.prediction.sources import inputs
 from m3depth.stereo.classical import SGBM
 from marssim.base.files.json_file import DatasetError
@@ -70,7 +71,7 @@ def test_each_pair_has_a_folder_and_all_of_them_an_overview(folder, tmp_path, ca
         assert {path.name for path in (tmp_path / name).iterdir()} >= {"depth.npy", "figure.png", "prediction.json"}
     record = json.loads((tmp_path / "2/prediction.json").read_text())
     assert record["rig"]["fx"] == 100 and np.array(record["pose"])[0, 3] == 2
-    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 4 * 408
+    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 2000
     video = cv2.VideoCapture(str(tmp_path / "video.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == COUNT
     fused = trimesh.load(tmp_path / "fused_cloud.ply").vertices
@@ -177,6 +178,40 @@ def test_what_is_wrong_for_all_pairs_is_one_line(folder, tmp_path, capsys):
         assert main([*words, *flags, "--out", str(tmp_path / "out")]) == 2
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+
+
+def test_where_no_pair_can_be_used_each_reason_is_given_once_and_nothing_is_left(folder, tmp_path, capsys):
+    for eye in ("left", "right"):
+        (tmp_path / eye).mkdir()
+        for number in range(2):
+            (tmp_path / eye / f"{number}.png").write_bytes(b"broken")
+    words = ["--left", f"{tmp_path}/left/*.png", "--right", f"{tmp_path}/right/*.png", "--estimator", "sgbm"]
+    words += ["--focal", "100", "--baseline", "0.2", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if line.startswith(("warning", "error"))] == [
+        *(f"warning: {n} is skipped: {tmp_path}/left/{n}.png: not a readable image" for n in range(2)),
+        "error: no pair of 2 can be used, see the warnings",
+    ]
+    assert not (tmp_path / "out").exists()
+    for eye in ("left", "right"):
+        (tmp_path / eye / "1.png").unlink()
+    assert main(words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if "readable" in line] == [f"error: {tmp_path}/left/0.png: not a readable image"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_sheet_has_large_pictures_of_few_pairs_and_names_with_both_ends(folder, tmp_path):
+    for number in range(2):
+        (tmp_path / f"{number}").mkdir()
+        cv2.imwrite(str(tmp_path / f"{number}/figure.png"), np.zeros((700, 1286, 3), np.uint8))
+    write_sheet(tmp_path, ["0", "1"])
+    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 2000
+    name = "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01"
+    assert shortened(name, 600) == name
+    short = shortened(name, 200)
+    assert short.startswith("NLMV0709") and short.endswith("2LLJ01") and "..." in short and len(short) < 35
 
 
 def test_frames_of_a_video_are_predicted(plane_samples, tmp_path):

@@ -286,3 +286,5 @@ def test_a_fisheye_that_the_calibration_is_not_of_is_one_line(tmp_path, images, 
     (left,) = products.glob("NL*")
     for source in (left, products):
         assert "--fisheye is of a calibration with OpenCV's names" in refused(capsys, out, source, "--fisheye")
+        never = refused(capsys, out, source, "--rectify", "never")
+        assert never == f"error: --rectify never: {left} is a product of a rover, and these are raw; leave it out\n"
