@@ -94,6 +94,9 @@ def rectified(options: RectifyOptions, left: RawImage, right: RawImage) -> Check
     """
     cameras, source = _calibration(options, left, right)
     warnings = [] if cameras is None else _lens_warnings(cameras, options, (left, right))
+    if cameras is not None:
+        notes = dict.fromkeys(camera.note for camera in (cameras.left, cameras.right) if camera.note)
+        warnings += [f"{left.path} and {right.path}: {note}" for note in notes]
     for number, mask in enumerate(options.mask):
         left, right = (masked(left, mask), right) if number == 0 else (left, masked(right, mask))
     pair = rectify_pair(left, right, cameras, options.focal, options.size, options.shift, options.raw.align)

@@ -78,6 +78,14 @@ def test_raw_images_in_the_folder_of_the_results_are_not_replaced(tmp_path, imag
     assert capsys.readouterr().err.startswith(line) and left.read_bytes() == before
 
 
+def test_what_is_uncertain_about_a_calibration_is_a_warning(tmp_path, images, capsys, monkeypatch):
+    noted = PosedPair(*(replace(camera, note="the orientation is uncertain") for camera in (PAIR.left, PAIR.right)))
+    monkeypatch.setattr("m3depth.rectification.checked.read_raw_calibration", lambda paths, fisheye: noted)
+    left, right, calib = map(str, images)
+    assert main([left, right, "--calib", calib, "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().err == f"warning: {left} and {right}: the orientation is uncertain\n"
+
+
 def test_a_rectified_pair_can_be_rectified_again_by_its_rig_file(tmp_path, images):
     """There is nothing left to take out; the content moves by pixels, as its middle comes to the image's middle."""
     left, right, calib = images

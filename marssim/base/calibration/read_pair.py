@@ -28,6 +28,8 @@ from marssim.base.calibration.pds3_label import is_pds3, read_pds3
 from marssim.base.calibration.pds4_label import read_pds4
 from marssim.base.calibration.product_label import ProductLabel
 from marssim.base.calibration.rectified import read_calibration
+from marssim.base.calibration.zhurong import FRAME as ZHURONG_FRAME
+from marssim.base.calibration.zhurong import check_frames as check_zhurong_frames
 from marssim.base.command.input_file import check_file
 
 HEAD = 200_000  # bytes of a file that tell its kind
@@ -130,7 +132,11 @@ def labelled_pair(labels: Sequence[ProductLabel | None], paths: Sequence[Path]) 
         ValueError: A label has no camera model, or the cameras are no pair. One line that names the files.
     """
     left, right = (_labelled_camera(label, path) for label, path in zip(labels, paths, strict=True))
-    return read_in(" and ".join(map(str, paths)), PosedPair, left, right)
+    name = " and ".join(map(str, paths))
+    pair = read_in(name, PosedPair, left, right)
+    if pair.left.frame == ZHURONG_FRAME:
+        read_in(name, check_zhurong_frames, pair)
+    return pair
 
 
 def _labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
