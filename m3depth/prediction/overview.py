@@ -16,6 +16,7 @@ from m3depth.prediction.files import CLOUD, FIGURE, RECORD
 from m3depth.prediction.fused_cloud import fuse
 from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import spread
+from marssim.base.command.wording import without_middle
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
 from marssim.base.files.png import decode_png
@@ -61,11 +62,9 @@ def shortened(name: str, width: int) -> str:
     The beginning of a product's name says which camera it is of, and the end of a path which pair.
     """
     kept = len(name)
-    text = name
-    while kept > 2 and cv2.getTextSize(text, *FONT, 1)[0][0] > width:
+    while kept > 2 and cv2.getTextSize(without_middle(name, kept), *FONT, 1)[0][0] > width:
         kept -= 1
-        text = f"{name[: (kept + 1) // 2]}...{name[len(name) - kept // 2 :]}"
-    return text
+    return without_middle(name, kept)
 
 
 def write_video(out: Path, names: Sequence[str], rate: float) -> None:
