@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
@@ -81,13 +82,19 @@ class FilledEstimator:
         self.estimator = estimator
         self.normals_are_fitted = getattr(estimator, "normals_are_fitted", False)
 
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Return the estimator's maps, filled; arguments as of Estimator.infer.
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object) -> Prediction:
+        """Return the estimator's maps, filled; arguments as of Estimator.infer, and more of the estimator's own.
 
         Raises:
             EstimatorError: As of `inferred`.
         """
-        return filled_prediction(inferred(self.estimator, left, right, rig), rig)
+        return filled_prediction(inferred(self.estimator, left, right, rig, **settings), rig)
+
+
+def takes_setting(estimator: Estimator, name: str) -> bool:
+    """Return whether a method's infer has an argument, such as nearest, beside the pair."""
+    inner = estimator.estimator if isinstance(estimator, FilledEstimator) else estimator
+    return name in signature(inner.infer).parameters
 
 
 class EstimatorError(ValueError):

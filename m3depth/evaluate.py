@@ -17,8 +17,9 @@ method predicts there. The rules are in m3depth/evaluation/metrics.py, rock_scor
 saved predictions in m3depth/evaluation/recorded_maps.py.
 
 Pairs without true depth, as in the last line, are scored by what they say themselves: how far the eyes agree, and how
-well the disparity explains the right image beside SGBM's. Then the only figure is qualitative.png: the left image, and
-depth and normals of every method, of up to three pairs.
+well the disparity explains the right image beside SGBM's. Without --calib, the rig.json of m3depth.rectify beside a
+left image is its calibration. The only figure is then qualitative.png: the left image, and depth and normals of every
+method, of up to three pairs.
 
 The same command continues after it was stopped or killed: until the end, RESULTS/unfinished.npz holds what is scored.
 """
@@ -52,7 +53,7 @@ from m3depth.evaluation.recorded_maps import FORM, RecordedError, RecordedPredic
 from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, check_choice, chosen_pairs, evaluate
-from m3depth.evaluation.without_truth.pairs import are_without_truth, image_pairs
+from m3depth.evaluation.without_truth.pairs import are_without_truth, calibration_files, image_pairs
 from m3depth.evaluation.without_truth.run import FIGURE, score_without_truth
 from m3depth.figures.evaluation import draw_evaluation
 from m3depth.figures.side_by_side import draw_side_by_side
@@ -354,10 +355,9 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     methods = {label: loaded(name, flag_name, options) for label, (flag_name, name) in columns.items()}
     device = device_kind(options.device, runtime)
     images = state_of_files(path for pair in pairs for path in (pair.left, pair.right))
-    calib = [options.reader.calib or options.data / "calib.txt"]
     depends = {
         "--data": [str(options.data.resolve()), images], "--estimator": estimators, "--runtime": runtime,
-        "--device": device, "--align-rows": options.align_rows, "--calib": state_of_files(calib),
+        "--device": device, "--align-rows": options.align_rows, "--calib": state_of_files(calibration_files(pairs)),
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items() if name != "calib"},
         "state of the code": source_digest(("marssim", "m3depth")),
     }  # fmt: skip

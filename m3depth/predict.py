@@ -58,9 +58,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from m3depth.estimator import Estimator
-from m3depth.prediction.batch import MARK, Batch, cloud_pose, ending, predict_many, read_and_prepare, record_of
+from m3depth.prediction.batch import (
+    MARK,
+    Batch,
+    cloud_pose,
+    ending,
+    mount_warnings,
+    predict_many,
+    read_and_prepare,
+    record_of,
+)
 from m3depth.prediction.figure import depth_range_shown
-from m3depth.prediction.files import write_prediction
+from m3depth.prediction.files import files_in, single_folder, write_prediction
 from m3depth.prediction.left_right import AGREEMENT
 from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair
 from m3depth.prediction.options import PredictOptions
@@ -71,7 +80,6 @@ from m3depth.prediction.sources.raw_pairs import FOLDER
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
-from marssim.base.results.claim import ResultFolder
 from marssim.base.view.show import check_viewer, show
 
 
@@ -117,39 +125,46 @@ def _view(options: PredictOptions, inputs: Inputs, pairs: Sequence[PairInput]) -
 def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator | None) -> Prediction:
     """Predict one pair into --out itself. Raises as `predict` does."""
     (pair,) = inputs.pairs
-    folder = ResultFolder(options.out, "prediction")
+    folder = single_folder(options.out)
     folder.check()
     if (options.out / MARK).is_file():
         raise ValueError(f"--out {options.out}: holds predictions of many pairs; choose another")
     read, prepared = read_and_prepare(inputs, pair, options)
     method = Method.of(options, estimator)
-    for message in prepared.warnings:
-        print(f"warning: {message}", file=sys.stderr)
     record = record_of(read, inputs, prepared.rig, method, options)
+    for message in (*prepared.warnings, *mount_warnings(record, options)):
+        print(f"warning: {message}", file=sys.stderr)
     result = predict_pair(prepared, method, options)
     shown = depth_range_shown(result.prediction.depth)
-    with folder.claim():
+    with folder.claim() as previous:
         record |= ending(result, shown)
-        count = write_prediction(options.out, result, options, record, shown, cloud_pose(record), with_rows=True)
+        earlier = files_in(options.out)
+        count = write_prediction(
+            options.out, result, options, record, shown, cloud_pose(record), single=True, replaces=previous is not None
+        )
+    if deleted := [name for name in earlier if not (options.out / name).exists()]:
+        print(f"note: {options.out}: deleted {', '.join(deleted)} of the earlier prediction", file=sys.stderr)
     if result.rectified is not None:
         print(f"{options.out / FOLDER}: {result.rectified.summary()}")
-    print(f"{options.out}: {_summary(result, count)}")
+    print(f"{options.out}: {_summary(result, count if 'cloud' in options.write else None)}")
     return result.prediction
 
 
-def _summary(result: PairPrediction, points: int) -> str:
+def _summary(result: PairPrediction, points: int | None) -> str:
     """Return the depths of a prediction, and what was done to the rows, in a line.
 
     Args:
         result: The prediction.
-        points: Number of points of the cloud.
+        points: Number of points of the cloud; None without one.
     """
     valid = np.isfinite(result.prediction.depth)
     depths = "no depth"
     if valid.any():
         low, middle, high = np.percentile(result.prediction.depth[valid], [5, 50, 95])
         depths = f"depth {low:.2f} to {high:.2f} m (5 to 95 %), median {middle:.2f} m"
-    line = f"{depths} on {100 * valid.mean():.0f} % of the pixels; {counted(points, 'point')}"
+    line = f"{depths} on {100 * valid.mean():.0f} % of the pixels"
+    if points is not None:
+        line = f"{line}; {counted(points, 'point')}"
     if result.removed is not None:
         line = f"{line}; rows aligned, which lay apart by {result.removed}"
     if result.compared == 0:

@@ -29,12 +29,12 @@ import sys
 from collections.abc import Sequence
 
 from m3depth.rectification.checked import rectified
+from m3depth.rectification.files import pair_folder
 from m3depth.rectification.options import RectifyOptions
 from m3depth.rectification.pair import RectifiedPair
 from m3depth.rectification.product_names import right_of
 from m3depth.rectification.raw_image import read_raw_pair
 from marssim.base.command.run import run_command
-from marssim.base.results.claim import ResultFolder
 
 
 def rectify(options: RectifyOptions) -> RectifiedPair:
@@ -53,7 +53,7 @@ def rectify(options: RectifyOptions) -> RectifiedPair:
     """
     options.check()
     paths = options.images if len(options.images) == 2 else (options.images[0], right_of(options.images[0]))
-    folder = ResultFolder(options.out, "rectified pair")
+    folder = pair_folder(options.out)
     folder.check()
     left, right = read_raw_pair(*paths, check=not options.unchecked)
     result = rectified(options, left, right)

@@ -16,7 +16,7 @@ frame, x ahead and y left, where the rover stands level. It writes into --out, a
     roughness.tif        RMS distance of the ground from the plane of the footprint [m]
     cost.tif             extra cost of a metre at the rover's centre, 0 on even ground
     traversability.tif   0: free; 1: too near to an obstacle for the rover's centre; 2: obstacle; 255: unknown
-    map.png              all of it as a picture, north up, with the cameras
+    map.png              all of it as a picture, north up, with coordinates, the cameras and where they look
     map.json             what the map was made of
 
 The files end where nothing more was seen.
@@ -46,6 +46,8 @@ from nav.ground.map_files import BLOCKED, UNKNOWN, layers, window_of, write_map
 from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 
 RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
+MOSTLY = 0.9  # share of the depth that lies beyond the range from which on the map has a warning
+LEAST_AREA = 2.0  # [m2], about that of the rover's footprint
 MOST = 4000  # cells along a side
 EDGE = 1.0  # [m] around what can be seen
 COLUMNS = 1024  # of an image that are used, roughly: more than while driving, as time does not matter here
@@ -96,11 +98,15 @@ class PredictedPair:
         folder: The folder of its maps.
         rig: The cameras.
         pose: (4, 4) left camera to world, or to the rover where there is no world.
+        is_on_rover: Whether the pose is that on the rover.
+        is_assumed: Whether that pose is an assumed one.
     """
 
     folder: Path
     rig: StereoRig
     pose: np.ndarray
+    is_on_rover: bool = False
+    is_assumed: bool = False
 
     def read(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Return depth (H, W) [m], and confidence (H, W), which is None where it was not written.
@@ -155,15 +161,34 @@ def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
         pose = np.zeros(0)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise DatasetError(f"{file}: holds no rig and pose of a pair; predict it again")
-    return PredictedPair(file.parent, rig, pose)
+    on_rover = record.get("pose") is None
+    return PredictedPair(file.parent, rig, pose, on_rover, on_rover and record.get("mount_assumed") is True)
 
 
-def make_map(pairs: Sequence[PredictedPair], options: MapOptions) -> tuple[ElevationMap, Traversability]:
+@dataclass
+class DepthCount:
+    """How many pixels of pairs have depth, and how many of them lie beyond the map's range."""
+
+    known: int = 0
+    beyond: int = 0
+
+    def add(self, depth: np.ndarray, max_range: float) -> None:
+        """Count a depth map (H, W) [m]; inf and NaN are no depth."""
+        with np.errstate(invalid="ignore"):
+            finite = np.isfinite(depth) & (depth > 0)
+            self.known += int(finite.sum())
+            self.beyond += int((finite & (depth > max_range)).sum())
+
+
+def make_map(
+    pairs: Sequence[PredictedPair], options: MapOptions, count: DepthCount | None = None
+) -> tuple[ElevationMap, Traversability]:
     """Fuse the depth of pairs into one map, and judge it for the rover.
 
     Args:
         pairs: The pairs, in one frame.
         options: The command's flags.
+        count: The pixels of the pairs are added to it.
 
     Raises:
         DatasetError: A file of a pair cannot be used, or the map would be too large.
@@ -185,6 +210,8 @@ def make_map(pairs: Sequence[PredictedPair], options: MapOptions) -> tuple[Eleva
     elevation = ElevationMap(config, (float(middle[0]), float(middle[1])))
     for pair in _watched(pairs):
         depth, confidence = pair.read()
+        if count is not None:
+            count.add(depth, options.max_range)
         try:
             elevation.integrate(depth, confidence, pair.rig, pair.pose)
         except ValueError as error:
@@ -207,19 +234,48 @@ def _work(options: MapOptions) -> None:
     folder.check()
     if (options.out / RECORD).is_file() or (options.out / "predictions.json").is_file():
         raise DatasetError(f"--out {options.out}: holds predictions; choose another")
-    elevation, ground = make_map(pairs, options)
+    count = DepthCount()
+    elevation, ground = make_map(pairs, options, count)
+    far = (
+        f"{100 * count.beyond / max(count.known, 1):.0f} % of the depth lies beyond --max-range {options.max_range:g} m"
+    )
     if not elevation.measured.any():
-        raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m is sure enough for a map")
-    places = np.array([pair.pose[:2, 3] for pair in pairs])
-    window = window_of(elevation, ground, places, options.origin)
+        reason = "is sure enough for a map" if count.beyond < MOSTLY * count.known else f"makes a map: {far}"
+        raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m {reason}")
+    for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None):
+        print(f"warning: {message}", file=sys.stderr)
+    poses = np.array([pair.pose for pair in pairs])
+    window = window_of(elevation, ground, poses[:, :2, 3], options.origin)
     with folder.claim():
-        write_map(options.out, elevation, ground, window, places, options.epsg)
+        write_map(options.out, elevation, ground, window, poses, options.epsg, of_rover=pairs[0].is_on_rover)
         write_json(options.out / "map.json", {
             "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
             "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],
             "max_range_m": options.max_range, "min_confidence": options.min_confidence, "epsg": options.epsg,
         }, sort_keys=False)  # fmt: skip
     print(f"{options.out}: {_summary(pairs, elevation, ground)}")
+
+
+def _doubts(pairs: Sequence[PredictedPair], elevation: ElevationMap, far: str | None) -> list[str]:
+    """Return what speaks against a map.
+
+    Args:
+        pairs: The pairs.
+        elevation: The heights.
+        far: What to say if nearly all depth lies beyond the range.
+    """
+    doubts = []
+    if any(pair.is_assumed for pair in pairs):
+        doubts.append(
+            f"{pairs[0].folder}: nothing said where the camera is on the rover, so Zhurong's place was assumed, and "
+            "heights and distances are from there; give m3depth.predict --mount"
+        )
+    if far is not None:
+        doubts.append(f"{far}: give a larger one")
+    area = float(elevation.measured.sum()) * elevation.config.cell**2
+    if area < LEAST_AREA:
+        doubts.append(f"only {area:.2g} m2 of ground are visible, too little for a rover to stand on")
+    return doubts
 
 
 def _summary(pairs: Sequence[PredictedPair], elevation: ElevationMap, ground: Traversability) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from m3depth.stereo.pairs import in_colour
 from marssim.base.command.input_file import check_file
@@ -80,6 +83,18 @@ def read_image(path: Path) -> np.ndarray:
     if image.ndim == 3:
         image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]  # BGR becomes RGB
     return image
+
+
+def image_size(path: Path) -> tuple[int, int] | None:
+    """Return width and height [px] by an image's header; None where it is broken or of an unusual type."""
+    with (
+        suppress(Exception),
+        warnings.catch_warnings(),
+    ):  # Pillow raises whatever it meets; reading the image reports it
+        warnings.simplefilter("ignore")
+        with Image.open(path) as image:
+            return image.size
+    return None
 
 
 def read_scene_mask(path: Path, shape: tuple[int, int], image: str = "its image") -> np.ndarray:

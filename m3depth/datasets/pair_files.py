@@ -27,6 +27,7 @@ CalibrationFinder = Callable[[Path, Path], CalibrationReader]
 """Returns the CalibrationReader of a pair, from the path of its calibration file and of its left image."""
 
 FITTED = 7  # window in which normals are fitted to depth [px], as wide as Normal-Assisted Stereo's
+LARGEST_SHIFT = 0.5  # of the width, by which a calibration's `shift` may move the right image
 BREAK = 0.1  # share of the disparity by which one surface may change within 3 x 3 px
 
 
@@ -85,6 +86,11 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         raise DatasetError(str(error)) from None
     height, width = left.shape[:2]
     calibration = files.calibration(width, height)
+    if abs(calibration.shift) > LARGEST_SHIFT * width:  # the right image would be moved out of view
+        raise DatasetError(
+            f"{files.left}: its calibration takes {calibration.shift:g} px out of all disparities, and pairs with true "
+            "depth cannot be read so; rectify them with m3depth.rectify --shift 0"
+        )
     rig = calibration.rig(width, height)
     values = _fitting(files.truth, read_map(files.truth, files.kind, files.unit, files.zero_is_far), left)
     if files.kind == "depth":

@@ -24,17 +24,20 @@ class FileRig:
     Attributes:
         file: The calibration file.
         left: The left image of the pair.
+        is_given: Whether a flag names the file; messages do not ask for one then.
     """
 
     file: Path
     left: Path
+    is_given: bool = False
 
     def __call__(self, width: int, height: int) -> Calibration:
         """Return the calibration of images of a size [px]. Raises DatasetError that names the file."""
         try:
             calibration = read_calibration(self.file, image=self.left)
         except (ValueError, FileNotFoundError) as error:
-            raise DatasetError(f"{error}; give --calib, or --focal and --baseline, instead") from None
+            instead = "" if self.is_given else "; give --calib, or --focal and --baseline, instead"
+            raise DatasetError(f"{error}{instead}") from None
         size, baseline = calibration.size, calibration.baseline
         if size is not None and size != (width, height):
             raise DatasetError(f"{self.file}: is for {size[0]} x {size[1]} px, {self.left} is {width} x {height}")
@@ -68,7 +71,7 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
     if not path.is_file():
         raise DatasetError(f"{path}: no such calibration file")
     if (sensors := oaisys_rig(path, config)) is None:
-        return lambda calib, left: FileRig(path, left)
+        return lambda calib, left: FileRig(path, left, is_given=True)
     rig: Calibration = sensors
 
     def from_oaisys(left: Path) -> CalibrationReader:

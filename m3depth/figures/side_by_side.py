@@ -24,10 +24,12 @@ from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.masks import unknown_where, unmeasured, without_sky_normals
 from m3depth.stereo.pairs import in_colour, spread
 from m3depth.stereo.prediction import Prediction
+from marssim.base.command.wording import without_middle
 from marssim.base.images.colours import BEYOND, DEPTH_MAP, NORMAL_TITLE, depth_colours, normal_colours
 
 PANEL = 2.0  # [in] width of a map; the left image is twice as wide
 SHOWN = 3  # pairs
+LONGEST_NAME = 40  # characters that are as wide as the left image
 MOST = 640  # [px] width of a map that is kept
 TEXT = f"{NORMAL_TITLE}\ngrey: sky, or farther than the scale; black: unknown"
 
@@ -96,8 +98,8 @@ def draw_side_by_side(
     """
     shown = []
     for pair in (pairs[i] for i in spread(len(pairs), SHOWN)):
-        left, right, rig = pair.read()
-        shown.append(PairMaps.of(pair.name, left, predictions_of(methods, left, right, rig, align_rows)))
+        images = pair.read()
+        shown.append(PairMaps.of(pair.name, images.left, predictions_of(methods, images, align_rows)))
     side_by_side_figure(shown, path)
 
 
@@ -125,7 +127,8 @@ def side_by_side_figure(pairs: Sequence[PairMaps], path: Path) -> np.ndarray:
         )
         image = figure.add_subplot(cells[:, 0])
         show(image, pair.left)
-        note(image, pair.name, corner="lower left")
+        share = min(1.0, aspect / panel_aspect(pair.left))  # of the panel's width, which a higher image does not fill
+        note(image, without_middle(pair.name, int(LONGEST_NAME * share)), corner="lower left")
         for column, (name, maps) in enumerate(pair.maps.items(), start=1):
             top, bottom = (figure.add_subplot(cells[row, column]) for row in range(2))
             show(top, depth_colours(maps.depth, near, far))

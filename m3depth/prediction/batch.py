@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +27,7 @@ from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import Inputs
 from m3depth.prediction.sources.pair_input import PairInput
-from m3depth.prediction.sources.poses import rover_pose
+from m3depth.prediction.sources.poses import ASSUMED_KEY, MOUNT_ASSUMED
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from m3depth.prediction.step_figure import steps_record
 from m3depth.rectification.files import ROVER_KEY
@@ -46,6 +46,10 @@ THOROUGH = 10  # every pair of this number is matched both ways round to check i
 NOT_SETTINGS = (
     "images", "out", "weights", "estimator", "left", "right", "poses", "calib", "raw", "mask", "voxel", "video", "view",
 )  # fmt: skip
+
+
+class NoResult(ValueError):
+    """No pair can be used."""
 
 
 class WrongCalibration(ValueError):
@@ -116,9 +120,12 @@ def read_and_prepare(
         calibration = make_calibration(options, height, width, pair.given[0], read.pair.calibration)
     except (ValueError, FileNotFoundError) as error:
         raise WrongCalibration(str(error)) from None
+    checked = read.rectified
+    if checked is not None and checked.pair.view is None:
+        checked = checked.with_scale(calibration)
     return read.pair, prepare(
         read.left, read.right, calibration, options, inputs.labels(pair), inputs.files(pair), thorough, read.valid,
-        read.rectified,
+        checked,
     )  # fmt: skip
 
 
@@ -147,11 +154,23 @@ def record_of(
         **({} if pair.raw is None else {"raw": [str(path) for path in pair.raw]}),
         **({} if inputs.recording is None else inputs.recording.record(pair.number)),
         "rig": rig.to_dict(),
-        ROVER_KEY: rover_pose(options, pair.given[0], rig.baseline, pair.on_rover).tolist(),
+        ROVER_KEY: inputs.on_rover(pair, rig, options).tolist(),
+        ASSUMED_KEY: inputs.is_mount_assumed(pair, options),
         "pose": None if pose is None else pose.tolist(),
         "world": pair.group or None,
         "cloud_frame": options.cloud_frame,
     }  # fmt: skip
+
+
+def mount_warnings(record: Mapping[str, Any], options: PredictOptions) -> list[str]:
+    """Return a warning if the clouds or the poses of a pair depend on an assumed place of the cameras on the rover.
+
+    Args:
+        record: As of record_of.
+        options: The command's flags.
+    """
+    matters = options.cloud_frame == "rover" or (options.poses is not None and options.pose_axes == "camera")
+    return [MOUNT_ASSUMED] if matters and record[ASSUMED_KEY] else []
 
 
 def cloud_pose(record: dict[str, Any]) -> np.ndarray:
@@ -193,7 +212,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
 
     Raises:
         DatasetError: The folder holds results of other settings, or something else.
-        ValueError: No pair can be used; the message is that of the first.
+        ValueError: No pair can be used.
         KeyboardInterrupt: After SIGINT or SIGTERM, once the pairs at work are written.
     """
     folder = batch_folder(options, inputs)
@@ -203,11 +222,16 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
     is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
     method = None if is_whole else load()
     with folder.claim(), stop_on_signal() as signals:
-        batch = _predict_remaining(options, inputs, method, signals)
+        try:
+            batch = _predict_remaining(options, inputs, method, signals)
+            if not (batch.done or signals):
+                raise NoResult(f"no pair of {len(inputs.pairs)} can be used, see the warnings")
+        except (WrongCalibration, NoResult):
+            if not _has_results(options.out):
+                folder.mark_path.unlink(missing_ok=True)  # so that nothing is left of a new folder
+            raise
         if signals:
             raise KeyboardInterrupt
-        if not batch.done:
-            raise ValueError(next(iter(batch.skipped.values()), f"{inputs.pairs[0].given[0]}: no pair can be read"))
         _write_overview(options, inputs, batch)
     return batch
 
@@ -233,6 +257,7 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
 
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         writing: Future[int] | None = None
+        warned: list[str] = []
         for pair, prepared in zip(watched(rest, "pair", "predict"), _ahead(reader, ready, rest)):
             assert method is not None
             try:
@@ -244,9 +269,15 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
             except (ValueError, OSError) as error:
                 if isinstance(error, WrongCalibration) and shown is None:
                     raise  # it is most likely that of all pairs
+                if len(inputs.pairs) == 1:
+                    raise NoResult(describe(error)) from None
                 batch.skipped[pair.name] = describe(error)
                 tqdm.write(f"warning: {pair.name} is skipped: {describe(error)}", file=sys.stderr)
                 continue
+            if not warned:
+                warned = mount_warnings(record, options)
+                for message in warned:
+                    tqdm.write(f"warning: {message}", file=sys.stderr)
             for message in work.warnings:
                 tqdm.write(f"warning: {pair.name}: {message}", file=sys.stderr)
             result = predict_pair(work, method, options)

@@ -19,14 +19,17 @@ from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.map_file import MAP_FORMATS, MAP_KINDS, encode_map
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import write_json
+from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.files.npy import encode_npy
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
+from marssim.base.results.claim import ResultFolder
 
 EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
 RECORD = "prediction.json"  # written last: a folder that has it is whole
 CLOUD, FIGURE, DIFFERENCE, STEPS = "cloud.ply", "figure.png", "left_right.npy", "steps.png"
+FILES = (*(f"{kind}.{form}" for kind in MAP_KINDS for form in MAP_FORMATS), CLOUD, FIGURE, DIFFERENCE, STEPS)
+UNFINISHED = '{"unfinished": "predict this pair again"}\n'  # RECORD of one pair while its files are written
 
 
 def point_cloud(
@@ -63,6 +66,25 @@ def trusted_pixels(disparity: np.ndarray, confidence: np.ndarray, min_confidence
     return np.asarray(sure & ~depth_edges(disparity, share=EDGE_SHARE))
 
 
+def single_folder(out: Path) -> ResultFolder:
+    """Return the folder for the results of one pair, which replace those of an earlier pair and leave other files.
+
+    Raises:
+        DatasetError: A file in it would be replaced or deleted that is of no prediction; the message names it.
+    """
+    if not (out / RECORD).is_file() and (present := files_in(out)):
+        raise DatasetError(
+            f"--out {out}: its {present[0]} would be replaced, and no {RECORD} says that it is of an earlier "
+            "prediction; choose another"
+        )
+    return ResultFolder(out, "prediction", RECORD, mark_text=UNFINISHED, shared=True)
+
+
+def files_in(out: Path) -> list[str]:
+    """Return the names of the files in a folder that a prediction may write or delete, but its record."""
+    return [name for name in FILES if (out / name).exists()]
+
+
 def write_prediction(
     out: Path,
     result: PairPrediction,
@@ -70,7 +92,8 @@ def write_prediction(
     record: Mapping[str, Any],
     shown: tuple[float, float],
     cloud_pose: np.ndarray,
-    with_rows: bool = False,
+    single: bool = False,
+    replaces: bool = True,
 ) -> int:
     """Write the files of one pair that the flags ask for, each in one step, and delete those of an earlier run.
 
@@ -81,7 +104,9 @@ def write_prediction(
         record: Content of prediction.json, which is written last.
         shown: Nearest and farthest depth [m] of the picture's scale.
         cloud_pose: (4, 4) camera to the frame of the point cloud.
-        with_rows: Whether to draw the rows of a pair that was raw, which takes some seconds.
+        single: Whether `out` is a single_folder. Its record then stays, as UNFINISHED, and the rows of a pair that was
+            raw are drawn, which takes some seconds.
+        replaces: Whether the files in it, if any, are those of an earlier run.
 
     Returns:
         The number of points of the cloud; 0 without one.
@@ -90,7 +115,10 @@ def write_prediction(
         OSError: A file cannot be written; the message names it.
     """
     out.mkdir(parents=True, exist_ok=True)
-    (out / RECORD).unlink(missing_ok=True)
+    if not single:
+        (out / RECORD).unlink(missing_ok=True)
+    elif replaces:
+        write_atomically(out / RECORD, UNFINISHED.encode())
     maps = {kind: getattr(result.prediction, kind) for kind in MAP_KINDS}
     for kind in MAP_KINDS:
         for form in MAP_FORMATS:
@@ -114,8 +142,8 @@ def write_prediction(
     if result.difference is not None:
         write_atomically(out / DIFFERENCE, encode_npy(result.difference))
     if result.rectified is not None:
-        result.rectified.write(out / FOLDER, with_rows)
-    elif (out / FOLDER).is_dir():
+        result.rectified.write(out / FOLDER, single)
+    elif replaces and (out / FOLDER).is_dir():
         read = [Path(record["left"]), Path(record["right"]), *options.calib, *options.mask]
         if not any(path.resolve().is_relative_to((out / FOLDER).resolve()) for path in read):
             remove_pair(out / FOLDER)  # of an earlier pair

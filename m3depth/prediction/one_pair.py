@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
+from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator, takes_setting
 from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import read_valid, seen_by_mask, unknown_where, unmeasured, without_sky_normals
@@ -196,7 +195,7 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
         ValueError: The method takes no such setting as a flag gives.
     """
     nearest = options.nearest
-    if pair.common and (nearest is not None or "nearest" in signature(method.estimator.infer).parameters):
+    if pair.common and (nearest is not None or takes_setting(method.estimator, "nearest")):
         nearest = nearest_without(nearest or NEAREST, pair.rig, pair.common)
     infer = with_settings(method.estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
     prediction = infer(pair.left, pair.right, pair.rig)

@@ -16,6 +16,7 @@ from m3depth.prediction.files import CLOUD, FIGURE, RECORD
 from m3depth.prediction.fused_cloud import fuse
 from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import spread
+from marssim.base.command.wording import without_middle
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
 from marssim.base.files.png import decode_png
@@ -23,7 +24,8 @@ from marssim.base.images.video_file import written_video
 
 SHEET, VIDEO, FUSED = "overview.jpg", "video.mp4", "fused_cloud.ply"
 MOST, COLUMNS = 20, 4  # pictures of the sheet
-WIDTH = 400  # [px] of a picture of the sheet
+SHEET_WIDTH, SPACE = 2000, 8  # [px] largest width of the sheet, and what is left free beside a picture
+FONT = (cv2.FONT_HERSHEY_SIMPLEX, 0.42)  # and its size
 LINE = 18  # [px] height of a name
 RATE = 5.0  # frames a second of pairs that are not those of a video
 
@@ -35,21 +37,34 @@ def write_sheet(out: Path, names: Sequence[str]) -> None:
         out: The folder of the results.
         names: Folders of the pairs in it.
     """
+    chosen = [names[i] for i in spread(len(names), MOST)]
+    columns = min(COLUMNS, len(chosen))
+    width = min(SHEET_WIDTH // columns - SPACE, _picture(out / chosen[0]).shape[1])
     cells = []
-    for name in (names[i] for i in spread(len(names), MOST)):
+    for name in chosen:
         picture = _picture(out / name)
-        height = max(1, round(picture.shape[0] * WIDTH / picture.shape[1]))
-        small = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
-        bar = np.full((LINE, WIDTH, 3), 255, np.uint8)
-        cv2.putText(bar, name[-48:], (3, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
+        height = max(1, round(picture.shape[0] * width / picture.shape[1]))
+        small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        bar = np.full((LINE, width, 3), 255, np.uint8)
+        cv2.putText(bar, shortened(name, width - 6), (3, 13), *FONT, (0, 0, 0), 1, cv2.LINE_AA)
         cells.append(np.concatenate([bar, small]))
-    columns = min(COLUMNS, len(cells))
     tall = max(cell.shape[0] for cell in cells)
-    page = np.full((-(-len(cells) // columns) * (tall + 8), columns * (WIDTH + 8), 3), 255, np.uint8)
+    page = np.full((-(-len(cells) // columns) * (tall + SPACE), columns * (width + SPACE), 3), 255, np.uint8)
     for number, cell in enumerate(cells):
         row, column = divmod(number, columns)
-        page[row * (tall + 8) :, column * (WIDTH + 8) :][: len(cell), :WIDTH] = cell
+        page[row * (tall + SPACE) :, column * (width + SPACE) :][: len(cell), :width] = cell
     write_atomically(out / SHEET, cv2.imencode(".jpg", page, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
+
+
+def shortened(name: str, width: int) -> str:
+    """Return a name whose middle is left out as far as it is longer than a width [px] in FONT.
+
+    The beginning of a product's name says which camera it is of, and the end of a path which pair.
+    """
+    kept = len(name)
+    while kept > 2 and cv2.getTextSize(without_middle(name, kept), *FONT, 1)[0][0] > width:
+        kept -= 1
+    return without_middle(name, kept)
 
 
 def write_video(out: Path, names: Sequence[str], rate: float) -> None:

@@ -113,9 +113,9 @@ def check_pair(
         doubtful = rows.size > doubtful_rows or rows.largest > 3 * doubtful_rows
         if fatal or (doubtful and not aligned):
             message = (
-                f"the rows of {names[0]} and {names[1]} lie {rows.size:.1f} px apart (by {rows.points} points; up to "
-                f"{rows.largest:.1f} px in a corner): the pair is not rectified (--calib with --rectify always does "
-                "that, and --align without a calibration)"
+                f"the rows of {names[0]} and {names[1]} lie {rows.size:.1f} px apart (root mean square over the "
+                f"image, fitted to {rows.points} points; up to {rows.largest:.1f} px in a corner): the pair is not "
+                "rectified (--calib with --rectify always does that, and --align without a calibration)"
             )
             return [(fatal, message)]
     if shares[0] < LITTLE:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,10 @@ from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.lenses.coverage import check_lens
 from marssim.base.calibration.read_pair import labelled_pair, read_raw_calibration
+from marssim.base.calibration.rectified import Calibration
 
+NEEDS_CALIB = "--fisheye is of a calibration with OpenCV's names: give it with --calib, or leave --fisheye out"
+AS_THEY_ARE = "none of the raw cameras: focal length and baseline are given for the images as they are"
 FEW = 100  # matches under which the rows are hardly judged
 IN_ROWS = 0.5  # [px] by which the rows of rectified images may lie apart
 LEAST_ROWS, WORSE = 0.1, 3.0  # [px] and factor: rows that lie this much farther apart than before show a mistake
@@ -43,15 +46,25 @@ class CheckedPair:
         """Write every file that m3depth.rectify lists. Raises as write_pair."""
         write_pair(out, self.left, self.right, self.pair, self.report, with_picture)
 
+    def with_scale(self, calibration: Calibration) -> CheckedPair:
+        """Return a pair without a calibration of the raw cameras, with that of the images as they are.
+
+        Args:
+            calibration: Of the images as they are; the rectified ones keep their geometry.
+        """
+        height, width = self.pair.left_valid.shape
+        pair = replace(self.pair, given=replace(calibration, size=(width, height)))
+        return replace(self, pair=pair, report=make_report(self.left, self.right, pair, AS_THEY_ARE))
+
     def summary(self) -> str:
         """Return what was done, in a line."""
         pair = self.pair
         height, width = pair.left_valid.shape
         parts = [f"{width} x {height} px"]
-        if pair.view is None:
+        if (scale := pair.calibration) is None:
             parts.append("no scale: depth has no unit")
         else:
-            parts.append(f"focal length {pair.view.left.fx:.1f} px, baseline {pair.view.baseline:.5f} m")
+            parts.append(f"focal length {scale.fx:.1f} px, baseline {scale.baseline:.5f} m")
         if pair.matches is not None:
             before, after = pair.matches.before, pair.matches.after
             parts.append(
@@ -81,6 +94,9 @@ def rectified(options: RectifyOptions, left: RawImage, right: RawImage) -> Check
     """
     cameras, source = _calibration(options, left, right)
     warnings = [] if cameras is None else _lens_warnings(cameras, options, (left, right))
+    if cameras is not None:
+        notes = dict.fromkeys(camera.note for camera in (cameras.left, cameras.right) if camera.note)
+        warnings += [f"{left.path} and {right.path}: {note}" for note in notes]
     for number, mask in enumerate(options.mask):
         left, right = (masked(left, mask), right) if number == 0 else (left, masked(right, mask))
     pair = rectify_pair(left, right, cameras, options.focal, options.size, options.shift, options.raw.align)
@@ -94,6 +110,8 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
     Raises:
         ValueError: There is none, and --align does not ask for one.
     """
+    if options.raw.fisheye and not options.calib:
+        raise ValueError(NEEDS_CALIB)
     if options.calib:
         name = " and ".join(map(str, options.calib))
         cameras = read_raw_calibration(options.calib, options.raw.fisheye)
@@ -153,11 +171,11 @@ def _findings(pair: RectifiedPair, names: str) -> list[tuple[bool, str]]:
         beyond = "" if pair.view is not None else ", or the cameras are turned towards each other"
         findings.append((True, f"{names} match the wrong way round: exchange left and right{beyond}"))
     if matches.after.median > row_limit(WRONG_ROWS, pair.left_valid.shape[1]):
-        apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification"
+        apart = f"the rows of {names} lie {matches.after.median:.1f} px apart after rectification (median)"
         question = "is the calibration that of these images, and the left image the first one?"
         findings.append((True, f"{apart}: {question} --align fits the rows to matches"))
     elif matches.before.median < IN_ROWS and matches.after.median > expected_most:
-        rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after"
+        rows = f"{matches.before.median:.2f} px apart before, and {matches.after.median:.2f} px after (medians)"
         findings.append((True, f"the rows of {names} lay {rows}: are the images rectified already?"))
     elif matches.after.points < FEW:
         findings.append((False, f"only {matches.after.points} points of {names} match: the rows are hardly judged"))

@@ -12,10 +12,13 @@ from m3depth.rectification.pair import RectifiedPair
 from m3depth.rectification.placing import rectified_to_rover
 from m3depth.rectification.raw_image import RawImage
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import write_json
+from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.files.png import encode_png
+from marssim.base.results.claim import ResultFolder
 
 RIG_FILE, REPORT, ROWS = "rig.json", "report.json", "rows.png"
+FILES = (*(f"{eye}{end}.png" for eye in ("left", "right") for end in ("", "_valid")), ROWS, RIG_FILE)
+UNFINISHED = '{"unfinished": "rectify this pair again"}\n'  # REPORT while the other files are written
 ROVER_KEY = "camera_to_rover"  # in RIG_FILE and in prediction.json: pose of the left camera on the rover
 NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
 
@@ -23,7 +26,7 @@ NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no uni
 def write_pair(
     out: Path, left: RawImage, right: RawImage, pair: RectifiedPair, report: dict[str, Any], with_picture: bool = True
 ) -> None:
-    """Write every file that m3depth.rectify lists, each in one step.
+    """Write every file that m3depth.rectify lists, each in one step, the report last.
 
     Args:
         out: The folder; it is made.
@@ -36,6 +39,7 @@ def write_pair(
         OSError: A file cannot be written; the message names it.
     """
     out.mkdir(parents=True, exist_ok=True)
+    write_atomically(out / REPORT, UNFINISHED.encode())
     for name in ("left", "right"):
         pixels = getattr(pair, name)
         write_atomically(out / f"{name}.png", encode_png(pixels[..., ::-1] if pixels.ndim == 3 else pixels))
@@ -54,6 +58,21 @@ def write_pair(
     write_json(out / REPORT, report, sort_keys=False)
 
 
+def pair_folder(out: Path) -> ResultFolder:
+    """Return the folder for a rectified pair, which replaces an earlier one and leaves other files.
+
+    Raises:
+        DatasetError: A file in it would be replaced that is of no rectified pair; the message names it.
+    """
+    present = next((name for name in FILES if (out / name).exists()), None)
+    if present is not None and not (out / REPORT).is_file():
+        raise DatasetError(
+            f"--out {out}: its {present} would be replaced, and no {REPORT} says that it is of an earlier rectified "
+            "pair; choose another"
+        )
+    return ResultFolder(out, "rectified pair", REPORT, mark_text=UNFINISHED, shared=True)
+
+
 def rig_beside(image: Path) -> Path:
     """Return where the rig file of an image or a recording lies, if there is one."""
     return (image if image.name else image.absolute()).with_name(RIG_FILE)  # a bag may be "."
@@ -63,8 +82,7 @@ def remove_pair(out: Path) -> None:
     """Delete the files of write_pair, and the folder if nothing else is in it; without its report, nothing."""
     if not (out / REPORT).is_file():
         return
-    images = [f"{eye}{end}.png" for eye in ("left", "right") for end in ("", "_valid")]
-    for name in (*images, ROWS, RIG_FILE, REPORT):
+    for name in (*FILES, REPORT):
         (out / name).unlink(missing_ok=True)
     with suppress(OSError):  # the folder is not empty
         out.rmdir()
@@ -108,21 +126,23 @@ def make_report(left: RawImage, right: RawImage, pair: RectifiedPair, calibratio
             name: round(float(getattr(pair, f"{name}_valid").mean()), 4) for name in ("left", "right")
         },
     }  # fmt: skip
-    if pair.view is None or pair.cameras is None:
+    scale = pair.calibration
+    if scale is None:
         report["scale"] = NO_SCALE
     else:
+        report.update(scale="metres", focal_px=float(scale.fx), baseline_m=float(scale.baseline))
+    if pair.view is not None and pair.cameras is not None:
         report.update(
-            scale="metres", focal_px=float(pair.view.left.fx), baseline_m=pair.view.baseline,
             vergence_deg=round(float(np.rad2deg(pair.cameras.vergence)), 4),
             common_disparity_taken_out_px=round(float(pair.view.shift), 6),
-        )  # fmt: skip
+        )
     rows: dict[str, Any] = {"raw": None, "rectified": None, "removed": None}
     if pair.matches is not None:
         rows.update(raw=pair.matches.before.as_dict(), rectified=pair.matches.after.as_dict())
         report["disparity_of_matches_px"] = _percentiles(pair.matches.disparity)
-        if pair.view is not None:
-            d = pair.matches.disparity + pair.view.shift
-            report["depth_of_matches_m"] = _percentiles(pair.view.left.fx * pair.view.baseline / d[d > 0])
+        if scale is not None:
+            d = pair.matches.disparity + scale.shift
+            report["depth_of_matches_m"] = _percentiles(scale.fx * scale.baseline / d[d > 0])
     if pair.removed is not None:
         rows["removed"] = {
             "terms_px": [round(term, 4) for term in pair.removed.terms],

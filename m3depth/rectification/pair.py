@@ -58,6 +58,8 @@ class RectifiedPair:
         matches: Points that both images show; None where too few were found to judge the rows.
         removed: What was taken out of the right image's rows beside the calibration; None if nothing was.
         cameras: The calibration; None without one.
+        given: The calibration of the images as they are, where there is none of the raw cameras and flags or a file
+            give the scale nevertheless.
     """
 
     left: np.ndarray
@@ -68,12 +70,13 @@ class RectifiedPair:
     matches: Matches | None
     removed: RowCorrection | None
     cameras: PosedPair | None
+    given: Calibration | None = None
 
     @property
     def calibration(self) -> Calibration | None:
         """The calibration of the rectified pair; None where nothing gives the scale."""
         if self.view is None:
-            return None
+            return self.given
         c = self.view.left
         return Calibration(c.fx, c.fy, c.cx, c.cy, self.view.baseline, self.view.shift, (c.width, c.height))
 

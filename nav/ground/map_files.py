@@ -21,8 +21,13 @@ TRAVERSABILITY_TITLE = "green free, yellow costly, orange too near to an obstacl
 LEAST = 600  # [px] longer side of the picture from which on a cell is one pixel
 LEGEND_WIDTH = 340  # [px]
 BORDER = 6  # [px] around the picture, for cameras at its edge
-STRIP = 56  # [px] height of what is written below the picture
+LEFT = 62  # [px] width of the numbers left of the picture
+STRIP = 92  # [px] height of what is written below the picture
+TICK_GAP = 70  # [px] least distance of two numbers of an axis
+ARROW = 30  # [px] length of the arrow of a camera
+MOST_ARROWS = 40  # cameras; more have none
 BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)  # [m] lengths of the bar
+FONT = (cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)  # font, size and weight
 LEGEND = ("green: free; yellow: costly; red: obstacle", "orange: too near to an obstacle; grey: unknown")
 SUN = np.array([-1.0, 1.0, 1.0]) / np.sqrt(3)  # direction of the light in the picture: from the north-west
 
@@ -96,8 +101,9 @@ def write_map(
     elevation: ElevationMap,
     ground: Traversability,
     window: Window,
-    places: np.ndarray,
+    poses: np.ndarray,
     epsg: int | None = None,
+    of_rover: bool = False,
 ) -> None:
     """Write a GeoTIFF for each layer, and map.png.
 
@@ -106,8 +112,9 @@ def write_map(
         elevation: The heights.
         ground: What the rover may drive over.
         window: The part of them to write, as of window_of.
-        places: (N, 2) places of the cameras in the world [m].
+        poses: (N, 4, 4) cameras to world.
         epsg: Code of the coordinate system of the files; None: a local frame.
+        of_rover: Whether the world is the frame of the rover, x ahead and y left.
 
     Raises:
         OSError: A file cannot be written; the message names it.
@@ -118,8 +125,8 @@ def write_map(
         nodata = UNKNOWN if values.dtype == np.uint8 else float("nan")
         image = np.flipud(values[part])
         write_atomically(out / f"{name}.tif", encode_geotiff(image, window.west, north, window.cell, nodata, epsg))
-    cells = elevation.cell_of(places) - (window.columns.start, window.rows.start)
-    picture = map_page(np.flipud(map_picture(elevation, ground)[part]), cells, window.cell)
+    cells = elevation.cell_of(poses[:, :2, 3]) - (window.columns.start, window.rows.start)
+    picture = map_page(np.flipud(map_picture(elevation, ground)[part]), cells, poses[:, :2, 2], window, of_rover)
     write_atomically(out / "map.png", encode_png(picture[..., ::-1]))
 
 
@@ -163,13 +170,17 @@ def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
     return np.clip(colours, 0, 255).astype(np.uint8)
 
 
-def map_page(picture: np.ndarray, cameras: np.ndarray, cell: float) -> np.ndarray:
-    """Return a picture to look at: enlarged, with the cameras, a bar of a round length, and what the colours mean.
+def map_page(
+    picture: np.ndarray, cameras: np.ndarray, axes: np.ndarray, window: Window, of_rover: bool = False
+) -> np.ndarray:
+    """Return a picture to look at: enlarged, with coordinates, the cameras, a bar, and what the colours mean.
 
     Args:
         picture: (h, w, 3) uint8 RGB, north up, a pixel a cell.
         cameras: (N, 2) their cells, counted from the west and from the south.
-        cell: Edge of a cell [m].
+        axes: (N, 2) east and north of their optical axes, of any length.
+        window: What the picture shows.
+        of_rover: Whether the world is the frame of the rover, x ahead and y left.
 
     Returns:
         (h', w', 3) uint8 RGB, at least 600 px wide or high.
@@ -177,22 +188,56 @@ def map_page(picture: np.ndarray, cameras: np.ndarray, cell: float) -> np.ndarra
     height, width = picture.shape[:2]
     factor = max(1, -(-LEAST // max(height, width)))
     picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
-    below, across = picture.shape[0] + 2 * BORDER, picture.shape[1] + 2 * BORDER
-    page = np.full((below + STRIP, max(LEGEND_WIDTH, across), 3), 255, np.uint8)
-    page[:below, :across] = UNKNOWN_COLOUR
-    page[BORDER : below - BORDER, BORDER : across - BORDER] = picture
-    for x, y in cameras:
-        at = int((x + 0.5) * factor) + BORDER, int((height - y - 0.5) * factor) + BORDER
+    below, right = picture.shape[0] + 2 * BORDER, LEFT + picture.shape[1] + 2 * BORDER
+    page = np.full((below + STRIP, max(LEFT + LEGEND_WIDTH, right), 3), 255, np.uint8)
+    page[:below, LEFT:right] = UNKNOWN_COLOUR
+    page[BORDER : below - BORDER, LEFT + BORDER : right - BORDER] = picture
+    _draw_axes(page, (LEFT + BORDER, below - BORDER), factor / window.cell, window)
+    for (x, y), (east, north) in zip(cameras, axes, strict=True):
+        at = int((x + 0.5) * factor) + LEFT + BORDER, int((height - y - 0.5) * factor) + BORDER
+        length = float(np.hypot(east, north))
+        if length > 0 and len(cameras) <= MOST_ARROWS:
+            end = round(at[0] + ARROW * east / length), round(at[1] - ARROW * north / length)
+            for colour, thickness in ((0, 4), (255, 2)):
+                cv2.arrowedLine(page, at, end, (colour,) * 3, thickness, cv2.LINE_AA, tipLength=0.35)
         cv2.circle(page, at, 5, (0, 0, 0), -1, cv2.LINE_AA)
         cv2.circle(page, at, 3, (255, 255, 255), -1, cv2.LINE_AA)
-    length = max(step for step in BARS if step <= max(BARS[0], width * cell / 2))
-    end = 6 + round(length / cell * factor)
-    cv2.rectangle(page, (6, below + 8), (end, below + 12), (0, 0, 0), -1)
-    _write(page, f"{length:g} m; white: cameras", end + 6, below + 14)
-    for line, text in enumerate(LEGEND):
-        _write(page, text, 6, below + 32 + 16 * line)
+    length = max(step for step in BARS if step <= max(BARS[0], width * window.cell / 2))
+    end = LEFT + BORDER + round(length / window.cell * factor)
+    cv2.rectangle(page, (LEFT + BORDER, below + 44), (end, below + 48), (0, 0, 0), -1)
+    _write(page, f"{length:g} m; white: cameras, and where they look", end + 6, below + 50)
+    text = "right: x, ahead of the rover; up: y, left of it [m]" if of_rover else "right: east; up: north [m]"
+    for line, words in ((0, text), (2, LEGEND[0]), (3, LEGEND[1])):
+        _write(page, words, LEFT, below + 34 + 17 * line)
     return page
 
 
+def _draw_axes(page: np.ndarray, corner: tuple[int, int], pixels: float, window: Window) -> None:
+    """Draw the coordinates of a picture along its lower and its left edge.
+
+    Args:
+        page: (h, w, 3) uint8, which is drawn into.
+        corner: Column and row of the picture's lower left corner [px].
+        pixels: Pixels a metre.
+        window: What the picture shows.
+    """
+    step = next((step for step in BARS if step * pixels >= TICK_GAP), BARS[-1])
+    for axis, (start, cells) in enumerate(((window.west, window.shape[1]), (window.south, window.shape[0]))):
+        first, last = int(np.ceil(start / step - 1e-6)), int(np.floor((start + cells * window.cell) / step + 1e-6))
+        for number in range(first, last + 1):
+            at = round((number * step - start) * pixels)
+            text = f"{round(number * step, 1):.10g}"
+            length = cv2.getTextSize(text, *FONT)[0][0]
+            if axis == 0:
+                x = corner[0] + at
+                cv2.line(page, (x, corner[1]), (x, corner[1] + BORDER), (0, 0, 0), 1)
+                _write(page, text, min(max(x - length // 2, 0), page.shape[1] - length), corner[1] + BORDER + 14)
+            else:
+                y = corner[1] - at
+                cv2.line(page, (corner[0] - BORDER, y), (corner[0], y), (0, 0, 0), 1)
+                _write(page, text, max(LEFT - 4 - length, 0), min(max(y + 4, 10), corner[1]))
+
+
 def _write(page: np.ndarray, text: str, x: int, y: int) -> None:
-    cv2.putText(page, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (30, 30, 30), 1, cv2.LINE_AA)
+    font, size, weight = FONT
+    cv2.putText(page, text, (x, y), font, size, (30, 30, 30), weight, cv2.LINE_AA)

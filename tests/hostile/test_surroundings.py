@@ -85,7 +85,7 @@ def test_a_read_only_folder_is_one_line(server, inputs, rng, tmp_path):
 
 
 def test_nothing_is_written_through_links_in_the_folder(server, inputs, whole, rng, tmp_path):
-    """As in a folder of a stranger, whose files may be links to those of the user."""
+    """As in an untrusted folder, whose files may be links to those of the user."""
     for number in cases(0.12):
         command, out, others = draw(rng), tmp_path / str(number), tmp_path / "others"
         run = RUNS[command]

@@ -392,6 +392,40 @@ def test_normals_of_an_earlier_run_do_not_stay_beside_a_prediction_without(pair,
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith("normal")]
 
 
+def test_files_that_are_of_no_prediction_are_not_replaced(pair, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("notes.txt", "figure.png"):
+        (out / name).write_text("mine")
+    with pytest.raises(ValueError, match=r"out: its figure\.png would be replaced, and no prediction\.json says"):
+        predict(options(pair, tmp_path, write=("depth",)), Wall())
+    assert sorted(path.name for path in out.iterdir()) == ["figure.png", "notes.txt"]
+    (out / "figure.png").unlink()
+    predict(options(pair, tmp_path, write=("depth",)), Wall())
+    assert "% of the pixels\n" in capsys.readouterr().out  # no points are counted without a cloud
+    assert (out / "notes.txt").read_text() == "mine" and (out / "depth.npy").is_file()
+
+
+def test_a_killed_prediction_starts_over_and_a_new_one_says_what_it_deletes(pair, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+
+    def killed(*arguments):
+        raise SystemExit
+
+    with monkeypatch.context() as patched, pytest.raises(SystemExit):
+        patched.setattr("m3depth.prediction.files.prediction_figure", killed)
+        predict(options(pair, tmp_path), Wall())
+    assert (out / "cloud.ply").is_file() and "rig" not in json.loads((out / "prediction.json").read_text())
+    predict(options(pair, tmp_path), Wall())
+    assert "rig" in json.loads((out / "prediction.json").read_text())
+    capsys.readouterr()
+    predict(options(pair, tmp_path, write=("depth", "normal"), map_format=("npy",)), Wall())
+    deleted = (
+        "depth.png, disparity.npy, disparity.png, normal.png, confidence.npy, confidence.png, cloud.ply, figure.png"
+    )
+    assert capsys.readouterr().err.splitlines()[-1] == f"note: {out}: deleted {deleted} of the earlier prediction"
+
+
 def test_a_missing_gpu_is_one_line(pair, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     words = [*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(tmp_path / "out"), "--device", "cuda"]
@@ -405,11 +439,12 @@ def test_a_full_disk_is_reported_and_leaves_no_half_written_file(pair, tmp_path,
 
     def full(file):
         files.append(file)
-        if len(files) == 2:
+        if len(files) == 3:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
     assert main([*map(str, pair), "--focal", "80", "--baseline", "0.2", "--out", str(out), "--estimator", "sgbm"]) == 2
     message = f"error: --out {out}: {out / 'depth.png'}: no space left on device\n"
     assert capsys.readouterr().err.endswith(message)
-    assert [file.name for file in out.iterdir()] == ["depth.npy"]
+    assert sorted(file.name for file in out.iterdir()) == ["depth.npy", "prediction.json"]
+    assert "rig" not in json.loads((out / "prediction.json").read_text())

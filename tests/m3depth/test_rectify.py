@@ -1,6 +1,7 @@
 """python -m m3depth.rectify: products and images, its files, and what it refuses in one line."""
 
 import json
+import shutil
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -67,6 +68,22 @@ def test_images_with_a_calibration(tmp_path, images, capsys):
     calibration = read_calibration(out / "rig.json")
     assert calibration.size == SIZE and calibration.baseline == pytest.approx(PAIR.baseline)
     assert cv2.imread(str(out / "left.png"), cv2.IMREAD_UNCHANGED).shape == SIZE[::-1]
+
+
+def test_raw_images_in_the_folder_of_the_results_are_not_replaced(tmp_path, images, capsys):
+    left, right = (shutil.copy(path, tmp_path / f"{eye}.png") for eye, path in zip(("left", "right"), images))
+    before = left.read_bytes()
+    assert main([str(left), str(right), "--calib", str(images[2]), "--out", str(tmp_path)]) == 2
+    line = f"error: --out {tmp_path}: its left.png would be replaced, and no report.json says that it is of an earlier"
+    assert capsys.readouterr().err.startswith(line) and left.read_bytes() == before
+
+
+def test_what_is_uncertain_about_a_calibration_is_a_warning(tmp_path, images, capsys, monkeypatch):
+    noted = PosedPair(*(replace(camera, note="the orientation is uncertain") for camera in (PAIR.left, PAIR.right)))
+    monkeypatch.setattr("m3depth.rectification.checked.read_raw_calibration", lambda paths, fisheye: noted)
+    left, right, calib = map(str, images)
+    assert main([left, right, "--calib", calib, "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().err == f"warning: {left} and {right}: the orientation is uncertain\n"
 
 
 def test_a_rectified_pair_can_be_rectified_again_by_its_rig_file(tmp_path, images):
@@ -228,7 +245,7 @@ def test_images_that_are_rectified_already_are_refused(tmp_path, images, capsys)
     capsys.readouterr()
     one = tmp_path / "one"
     line = refused(capsys, one / "left.png", one / "right.png", "--calib", calib, tmp_path / "two")
-    assert "px after: are the images rectified already?" in line
+    assert "px after (medians): are the images rectified already?" in line
 
 
 def test_a_lens_that_folds_over_inside_the_image_is_refused(tmp_path, images, capsys):
@@ -243,7 +260,7 @@ def test_a_calibration_of_another_rig_is_noticed(tmp_path, images, capsys):
     left, right, calib = images
     (tmp_path / "other.yml").write_text(calib.read_text().replace("183.5", "143.5").replace("295.5", "255.5"))
     line = refused(capsys, left, right, "--calib", tmp_path / "other.yml", "--size", "480", "360", tmp_path / "out")
-    assert "px apart after rectification: is the calibration that of these images, and the left" in line
+    assert "px apart after rectification (median): is the calibration that of these images, and the left" in line
 
 
 def test_help_lists_the_flags(capsys):

@@ -11,6 +11,7 @@ from PIL import Image
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.map_file import encode_map
 from marssim.base.pose import look_pose
+from nav.ground.map_files import LEFT, STRIP
 from nav.map import main
 
 RIG = StereoRig(PinholeCamera.centred(160, 120, 120.0), 0.3)
@@ -91,8 +92,11 @@ def test_the_files_end_where_nothing_more_was_seen(tmp_path):
     assert about["west_south_m"] == pytest.approx([west, north - 0.1 * code.shape[0]])
     picture = cv2.imread(str(tmp_path / "map/map.png"))
     factor = 600 // max(code.shape) + 1
-    row, column = 6 + int((north - 0.15) / 0.1 * factor), 6 + int((0.05 - west) / 0.1 * factor)
-    assert (picture[row, column] > 200).all()  # the mark of the camera
+    row, column = 6 + int((north - 0.15) / 0.1 * factor), LEFT + 6 + int((0.05 - west) / 0.1 * factor)
+    assert (picture[row, column] > 200).all()  # the mark of the camera, and the arrow ahead
+    assert (picture[row, column + 15] > 200).all() and not (picture[row, column - 6 : column - 3] > 200).any()
+    height = picture.shape[0]
+    assert (picture[: height - STRIP, : LEFT - 8] < 100).any() and (picture[height - STRIP :, LEFT:] < 100).any()
 
 
 def test_wide_cells_need_fewer_points(tmp_path):
@@ -113,6 +117,32 @@ def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
     assert at(out, "traversability", 1004.55, 1999.5) == 2
     about = json.loads((out / "map.json").read_text())
     assert about["pairs"] == 3 and about["west_south_m"][0] == pytest.approx(1000, abs=0.11)
+
+
+def test_an_assumed_place_on_the_rover_is_a_warning(tmp_path, capsys):
+    write_pair(tmp_path / "pair", pose=False)
+    record = json.loads((tmp_path / "pair/prediction.json").read_text())
+    for assumed in (True, False):
+        (tmp_path / "pair/prediction.json").write_text(json.dumps({**record, "mount_assumed": assumed}))
+        assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+        error = capsys.readouterr().err
+        assert ("pair: nothing said where the camera is on the rover, so Zhurong's place" in error) == assumed
+    assert error == ""
+
+
+def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
+    write_pair(tmp_path / "pair", pose=False)
+    depth = np.load(tmp_path / "pair/depth.npy")
+    depth[:-3] = 40.0  # a plain behind a strip of ground, which hardly makes a map
+    np.save(tmp_path / "pair/depth.npy", depth)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "warning: 98 % of the depth lies beyond --max-range 12 m: give a larger one"
+    assert second.startswith("warning: only 0.") and "m2 of ground are visible, too little" in second
+    depth[:] = 40.0
+    np.save(tmp_path / "pair/depth.npy", depth)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 2
+    assert "makes a map: 100 % of the depth lies beyond --max-range 12 m" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from m3depth.estimator import Estimator, inferred
+from m3depth.estimator import Estimator
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.without_truth.pairs import ImagePair
 from m3depth.evaluation.without_truth.scoring import means, score_pair, table
@@ -18,9 +18,10 @@ from marssim.base.files.json_file import write_json
 
 FIGURE = "qualitative.png"  # the methods side by side, which the caller draws
 RULES = (
-    "Without true depth: the share of the pixels that both eyes measure on which their disparities agree within 1 px; "
-    "the mean difference of the normalised images where the right one is warped by the disparity, on the pixels that "
-    "SGBM matched, and its ratio to SGBM's there; the shares of sky and of unknown pixels."
+    "Without true depth: the share of the pixels that both eyes measure on which their disparities agree within 1 px, "
+    "which favours a method that leaves the hard pixels unknown; the same share on the pixels that every method so "
+    "measures, which compares them; the mean difference of the normalised images where the right one is warped by the "
+    "disparity, on the pixels that SGBM matched, and its ratio to SGBM's there; the shares of sky and unknown pixels."
 )
 
 
@@ -53,11 +54,11 @@ def score_without_truth(
     records: list[dict[str, Any]] = (saved_state.load() or {"pairs": []})["pairs"]
     rest = pairs[len(records) :]
     for method in methods.values() if rest else ():
-        inferred(method, *rest[0].read())  # warms it up
+        first = rest[0].read()
+        first.infer(method)(first.left, first.right, first.rig)  # warms it up
     with stop_on_signal() as signals:
         for pair in watched(rest, "pair", "evaluate"):
-            left, right, rig = pair.read()
-            records.append({"pair": pair.name, **score_pair(methods, left, right, rig, align_rows)})
+            records.append({"pair": pair.name, **score_pair(methods, pair.read(), align_rows)})
             saved_state.save_now_and_then(lambda: {"pairs": records})
             if signals:
                 saved_state.save({"pairs": records})

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import Estimator, inferred
+from m3depth.estimator import Estimator
 from m3depth.evaluation.cost import measured
+from m3depth.evaluation.without_truth.pairs import PairImages
 from m3depth.evaluation.without_truth.photometric import residuals
+from m3depth.prediction.common_disparity import given_back
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
-from m3depth.stereo.rows import align_rows
-from marssim.base.camera import StereoRig
 
 COLUMNS = {  # title and number of decimals of each score
     "agreement": ("eyes agree [%] ↑", 100, 1),
+    "common_agreement": ("on common pixels [%] ↑", 100, 1),
     "residual": ("photometric residual ↓", 1, 4),
     "residual_ratio": ("over SGBM's ↓", 1, 3),
     "sky": ("sky [%]", 100, 1),
@@ -28,55 +28,67 @@ COLUMNS = {  # title and number of decimals of each score
 }
 
 
-def score_pair(
-    methods: Mapping[str, Estimator], left: np.ndarray, right: np.ndarray, rig: StereoRig, align: bool = False
-) -> dict[str, dict[str, float]]:
+def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool = False) -> dict[str, dict[str, float]]:
     """Score every method on a pair.
 
     Args:
         methods: The methods, by the name of their column.
-        left, right: (H, W) or (H, W, 3) uint8, rectified.
-        rig: The cameras of these images.
+        pair: The pair.
         align: Whether to align the rows first where they lie significantly apart.
 
     Returns:
         For each method: the share of the pixels that both eyes see and measure on which their disparities agree
-        within 1 px; the mean photometric residual on the pixels that SGBM matched and the method measured, and its
-        ratio to SGBM's there; the shares of sky and of unknown pixels; and the seconds. What has no pixels is left out.
+        within 1 px; that share on the pixels that every method so measures; the mean photometric residual on the
+        pixels that SGBM matched and the method measured, and its ratio to SGBM's there; the shares of sky and of
+        unknown pixels; and the seconds. What has no pixels is left out.
 
     Raises:
         EstimatorError: A method returned something else than a whole Prediction.
     """
     if align:
-        right, _ = align_rows(left, right, rig)
+        pair = pair.with_aligned_rows()
+    left, right, rig = pair.left, pair.right, pair.rig
     matched = SGBM().match(left, right, rig)
     residual_of_sgbm = residuals(left, right, matched)
-    scores = {}
+    scores, compared, agreeing = {}, {}, {}
     for name, method in methods.items():
-        infer = partial(inferred, method)
+        infer = pair.infer(method)
         prediction, cost = measured(infer, left, right, rig)
         difference = left_right_difference(infer, left, right, rig, prediction)
-        scores[name] = {**_figures(left, right, prediction, difference, residual_of_sgbm), "seconds": cost.seconds}
+        scores[name] = {**_figures(left, right, prediction, residual_of_sgbm), "seconds": cost.seconds}
+        compared[name] = _has_depth(prediction) & np.isfinite(difference)
+        agreeing[name] = difference <= AGREEMENT
+    common = np.logical_and.reduce(list(compared.values()))
+    for name in methods:
+        for key, where in (("agreement", compared[name]), ("common_agreement", common)):
+            if where.any():
+                scores[name][key] = float(agreeing[name][where].mean())
     return scores
 
 
-def predictions_of(
-    methods: Mapping[str, Estimator], left: np.ndarray, right: np.ndarray, rig: StereoRig, align: bool = False
-) -> dict[str, Prediction]:
-    """Return what every method predicts of a pair. Arguments and errors are those of score_pair."""
+def predictions_of(methods: Mapping[str, Estimator], pair: PairImages, align: bool = False) -> dict[str, Prediction]:
+    """Return what every method predicts of a pair, with a common disparity given back. Arguments and errors are those
+    of score_pair.
+    """
     if align:
-        right, _ = align_rows(left, right, rig)
-    return {name: inferred(method, left, right, rig) for name, method in methods.items()}
+        pair = pair.with_aligned_rows()
+    return {
+        name: given_back(pair.infer(method)(pair.left, pair.right, pair.rig), pair.rig, pair.common)
+        for name, method in methods.items()
+    }
+
+
+def _has_depth(prediction: Prediction) -> np.ndarray:
+    """Return the pixels that the method measured, (H, W) bool: neither sky nor unknown nor only filled."""
+    return np.asarray(np.isfinite(prediction.depth) & ~unmeasured(prediction))
 
 
 def _figures(
-    left: np.ndarray, right: np.ndarray, prediction: Prediction, difference: np.ndarray, residual_of_sgbm: np.ndarray
+    left: np.ndarray, right: np.ndarray, prediction: Prediction, residual_of_sgbm: np.ndarray
 ) -> dict[str, float]:
-    filled = unmeasured(prediction)
-    depth = np.isfinite(prediction.depth) & ~filled
-    figures = {"sky": float(prediction.is_sky.mean()), "unknown": float((np.isnan(prediction.depth) | filled).mean())}
-    if (both := depth & np.isfinite(difference)).any():
-        figures["agreement"] = float((difference[both] <= AGREEMENT).mean())
+    depth, sky = _has_depth(prediction), prediction.is_sky
+    unknown = np.isnan(prediction.depth) | unmeasured(prediction)
+    figures = {"sky": float(sky.mean()), "unknown": float(unknown.mean())}
     residual = residuals(left, right, np.where(depth, prediction.disparity, np.float32(np.nan)))
     if (shared := np.isfinite(residual) & np.isfinite(residual_of_sgbm)).any():
         figures["residual"] = float(residual[shared].mean())

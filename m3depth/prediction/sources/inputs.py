@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +22,7 @@ from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
-from m3depth.prediction.sources.poses import read_poses, rover_pose
+from m3depth.prediction.sources.poses import given_rover_pose, read_poses, rover_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
@@ -111,8 +113,34 @@ class Inputs:
         if options.pose_axes == "z-up":
             return pose
         start = self._first
-        world = rover_pose(options, start.given[0], rig.baseline, start.on_rover)
+        world = self.on_rover(start, rig, options)
         return np.asarray(world @ (pose if start.raw_frame is None else np.linalg.inv(start.raw_frame) @ pose))
+
+    def is_mount_assumed(self, pair: PairInput, options: PredictOptions) -> bool:
+        """Return whether nothing says where the camera is on the rover, so that on_rover is a guess.
+
+        Datasets of marssim and Zhurong's cameras by name are of the rover whose place is assumed.
+        """
+        if pair.sample is not None or options.calib == (NATECAM_NAME,) or pair.on_rover is not None:
+            return False
+        return given_rover_pose(options, pair.given[0], 1.0) is None
+
+    def on_rover(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray:
+        """Return the pose of the left camera on the rover, (4, 4) camera to rover.
+
+        What the frames of a bag say holds even beside --mount: the bag of the results has these frames too.
+
+        Args:
+            pair: The pair, as it is read.
+            rig: Its cameras.
+            options: The command's flags.
+
+        Raises:
+            DatasetError: As rover_pose.
+        """
+        if isinstance(self.recording, BagPairs) and pair.on_rover is not None:
+            return pair.on_rover
+        return rover_pose(options, pair.given[0], rig.baseline, pair.on_rover)
 
     @cached_property
     def _first(self) -> PairInput:
@@ -159,6 +187,9 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
     if isinstance(inputs.recording, BagPairs) and options.poses is not None:
         _check_poses_of_bag(options)
+    if isinstance(inputs.recording, BagPairs) and options.mount and any(p.on_rover is not None for p in inputs.pairs):
+        where = f"the frames of {options.images[0]} say where the cameras are on the rover"
+        print(f"warning: {where}: --mount is not used", file=sys.stderr)
     if not inputs.pairs:
         raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:
@@ -169,6 +200,8 @@ def find_inputs(options: PredictOptions) -> Inputs:
         inputs = replace(inputs, pairs=pairs)
     first = inputs.pairs[0]
     is_rectified = first.calibration is not None and inputs.recording is None  # as those of datasets are
+    if options.rectify == "never" and is_product(first.left):
+        raise ValueError(f"--rectify never: {first.left} is a product of a rover, and these are raw; leave it out")
     asked = options.rectify == "always" or options.raw.align
     if not is_bag_alone and must_be_rectified(options, first.left) and (asked or not is_rectified):
         inputs = _rectified(inputs, options)
@@ -261,15 +294,23 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
 
 
 def _listed(file: Path) -> Iterator[PairInput]:
-    """Yield the pairs of a list, whose paths start from its folder."""
-    for words in read_list(file, (2, 3)):
+    """Yield the pairs of a list, whose paths start from its folder.
+
+    Their names are the paths of the left images. If one of these leads elsewhere, they begin in the folder that all
+    left images have in common.
+    """
+    rows = read_list(file, (2, 3))
+    roots = [Path(os.path.abspath(file.parent / words[0])).parent for words in rows]
+    leads_elsewhere = any(Path(words[0]).is_absolute() or ".." in Path(words[0]).parts for words in rows)
+    common = Path(os.path.commonpath(roots)) if leads_elsewhere else None
+    for words, root in zip(rows, roots, strict=True):
         left, right = (file.parent / word for word in words[:2])
         for path in (left, right):
             if not path.is_file():
                 raise DatasetError(f"{path}: no such file; {file} names it")
         name = Path(words[0]).with_suffix("").as_posix()
-        if Path(words[0]).is_absolute() or ".." in Path(words[0]).parts:
-            name = left.stem
+        if common is not None:
+            name = (root.relative_to(common) / left.stem).as_posix()
         yield _with_calibration(PairInput(name, left, right), file.parent / "calib" / f"{left.stem}.txt")
 
 

@@ -19,6 +19,12 @@ from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.pose import FARTHEST, recorded_pose
 from marssim.base.rover_spec import ZHURONG
 
+ASSUMED_KEY = "mount_assumed"  # in prediction.json: whether nothing says where the camera is on the rover
+MOUNT_ASSUMED = (
+    f"nothing says where the cameras are on the rover: {ZHURONG.mount.x:g} m ahead of its origin, "
+    f"{ZHURONG.mount.height:g} m above the ground and {np.rad2deg(ZHURONG.mount.pitch):.0f} degrees down, "
+    "as on Zhurong, are assumed; give --mount"
+)
 TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
 
 
@@ -49,6 +55,14 @@ def rover_pose(options: PredictOptions, image: Path, baseline: float, recorded: 
     Raises:
         DatasetError: The rig file holds something else than a pose.
     """
+    pose = given_rover_pose(options, image, baseline, recorded)
+    return ZHURONG.mount.left_eye(baseline) if pose is None else pose
+
+
+def given_rover_pose(
+    options: PredictOptions, image: Path, baseline: float, recorded: np.ndarray | None = None
+) -> np.ndarray | None:
+    """Return what rover_pose returns, or None where it would be Zhurong's. Arguments and errors are those of it."""
     if options.mount is not None:
         return mounted_camera_pose(options.mount, baseline)
     if recorded is not None:
@@ -56,7 +70,7 @@ def rover_pose(options: PredictOptions, image: Path, baseline: float, recorded: 
     file = options.calib[0] if options.calib else rig_beside(image)
     content = read_json(file).get(ROVER_KEY) if file.suffix == ".json" and file.is_file() else None
     if content is None:
-        return ZHURONG.mount.left_eye(baseline)
+        return None
     try:
         return recorded_pose(content)
     except ValueError as error:

@@ -15,7 +15,7 @@ from m3depth.datasets.image_files import as_pair
 from m3depth.datasets.rigs import NATECAM_NAME
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
-from m3depth.rectification.checked import rectified
+from m3depth.rectification.checked import NEEDS_CALIB, rectified
 from m3depth.rectification.files import labelled_camera_pose
 from m3depth.rectification.options import RectifyOptions
 from m3depth.rectification.placing import rectified_to_raw, rectified_to_rover
@@ -101,6 +101,10 @@ class RawPairs:
                 raise ValueError(f"--{name} is of rectified images, and these are rectified here; leave it out")
         if options.calib == (NATECAM_NAME,):
             raise ValueError("--calib natecam is of rectified images; give a calibration of the raw cameras")
+        if options.calib:
+            read_raw_calibration(options.calib, options.raw.fisheye)  # what is wrong with it is wrong for all pairs
+        elif options.raw.fisheye:
+            raise ValueError(NEEDS_CALIB)
         focal = None if keeps_geometry else options.focal
         flags = RectifyOptions(
             (), options.out, calib=options.calib, raw=options.raw, focal=focal, mask=options.mask,

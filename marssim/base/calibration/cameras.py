@@ -25,6 +25,7 @@ class PosedCamera:
         centre: (3,) the camera's centre [m], rig frame.
         size: Width and height of its images [px]; None if the calibration does not say.
         frame: Name of the rig frame, where a label gives one; two cameras of a pair must agree.
+        note: What is uncertain about the camera, for a warning.
     """
 
     lens: Lens
@@ -32,6 +33,7 @@ class PosedCamera:
     centre: np.ndarray
     size: tuple[int, int] | None = None
     frame: str = ""
+    note: str = ""
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return (..., 2) the pixels that show points (..., 3) of the rig frame; NaN where the camera does not."""

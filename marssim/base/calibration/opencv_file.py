@@ -33,6 +33,7 @@ PINHOLES = (
     "radtan", "plumb_bob", "rational_polynomial", "pinhole", "radial-tangential", "radial_tangential", "brown-conrady",
     "brown_conrady", "none",
 )  # fmt: skip
+UNLIKE_FISHEYES = tuple(name for name in PINHOLES if name != "pinhole")  # a model pinhole may have any distortion
 FISHEYES = ("fisheye", "equidistant", "kannala-brandt", "kannala_brandt")
 SIZES = ("imageSize", "image_size", "img_size", "size", "resolution")
 SIDES = (("image_width", "image_height"), ("width", "height"), ("image_Width", "image_Height"))
@@ -63,7 +64,8 @@ def pair_of_opencv(content: Mapping[str, Any], fisheye: bool = False) -> PosedPa
         fisheye: Take four coefficients for those of cv2.fisheye, even if the file does not say so.
 
     Raises:
-        ValueError: A field is missing or malformed, or the distortion_model is not supported.
+        ValueError: A field is missing or malformed, the distortion_model is not supported, or with `fisheye` the file
+            says that the lenses are no fisheyes.
     """
     named = str(content.get("distortion_model") or "").lower()
     if named and named not in (*PINHOLES, *FISHEYES):
@@ -71,7 +73,13 @@ def pair_of_opencv(content: Mapping[str, Any], fisheye: bool = False) -> PosedPa
             f"distortion_model {named} is not supported; radtan, plumb_bob, rational_polynomial and fisheye are"
         )
     kind = named or str(content.get(fields.first_of(content, ("model", "lens")) or "", "")).lower()
-    fisheye = fisheye or kind in FISHEYES or str(content.get("fisheye", "0")).lower() in ("1", "true")
+    said = str(content.get("fisheye", "")).lower()
+    if fisheye and (named in PINHOLES or kind in UNLIKE_FISHEYES or said in ("0", "false")):
+        field = (
+            f"distortion_model {named}" if named else f"model {kind}" if kind in UNLIKE_FISHEYES else f"fisheye {said}"
+        )
+        raise ValueError(f"{field} says that the lenses are no fisheyes; leave --fisheye out")
+    fisheye = fisheye or kind in FISHEYES or said in ("1", "true")
     size = fields.size(content, SIZES, SIDES)
     lenses = [_lens(content, NAMES[f"K{eye}"], NAMES[f"D{eye}"], fisheye) for eye in (1, 2)]
     if fields.first_of(content, NAMES["R"]) and fields.first_of(content, NAMES["T"]):

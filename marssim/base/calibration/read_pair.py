@@ -21,12 +21,15 @@ from marssim.base.calibration.camera_info import is_camera_info, parse_raw_camer
 from marssim.base.calibration.cameras import PosedCamera, PosedPair, first_camera
 from marssim.base.calibration.fields import read_in
 from marssim.base.calibration.kalibr import is_kalibr, pair_of_kalibr
+from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import is_opencv, pair_of_opencv, parse_opencv
 from marssim.base.calibration.pds3_label import is_pds3, read_pds3
 from marssim.base.calibration.pds4_label import read_pds4
 from marssim.base.calibration.product_label import ProductLabel
 from marssim.base.calibration.rectified import read_calibration
+from marssim.base.calibration.zhurong import FRAME as ZHURONG_FRAME
+from marssim.base.calibration.zhurong import check_frames as check_zhurong_frames
 from marssim.base.command.input_file import check_file
 
 HEAD = 200_000  # bytes of a file that tell its kind
@@ -41,28 +44,37 @@ def read_raw_calibration(paths: Sequence[Path], fisheye: bool = False) -> PosedP
 
     Raises:
         FileNotFoundError: A file is missing.
-        ValueError: A file is no calibration, or lacks something. One line that names the file and the field.
+        ValueError: A file is no calibration, lacks something, or says that its lenses are no fisheyes. One line that
+            names the file and the field.
     """
     if not 1 <= len(paths) <= 2:
         raise ValueError(f"a pair has one or two calibration files, got {len(paths)}")
+    pair, says_lens = _read(paths, fisheye)
+    if fisheye and says_lens and not isinstance(pair.left.lens, Fisheye):
+        raise ValueError(f"{paths[0]}: says which lens it is of, and that is no fisheye; leave --fisheye out")
+    return pair
+
+
+def _read(paths: Sequence[Path], fisheye: bool) -> tuple[PosedPair, bool]:
+    """Return the cameras, and whether the files say by themselves of which kind their lenses are."""
     name = paths[0] if len(paths) == 1 else f"{paths[0]} and {paths[1]}"
     labels = [read_label(path) for path in paths]
     if any(label is not None for label in labels):
         if len(paths) == 1:
             raise ValueError(f"{paths[0]}: is the label of one image; give those of the left and of the right one")
-        return labelled_pair(labels, paths)
+        return labelled_pair(labels, paths), True
     texts = [read_text(path) for path in paths]
     if all(map(_is_camera_info, texts)):
         if len(paths) == 1:
             raise ValueError(f"{paths[0]}: is the CameraInfo of one camera; give those of the left and the right one")
         left, right = (read_in(path, parse_raw_camera, text) for path, text in zip(paths, texts))
-        return read_in(name, PosedPair, left, right)
+        return read_in(name, PosedPair, left, right), True
     content = _content(paths, texts)
     if is_kalibr(content):
-        return read_in(name, pair_of_kalibr, content)
+        return read_in(name, pair_of_kalibr, content), True
     if is_opencv(content):
-        return read_in(name, pair_of_opencv, content, fisheye)
-    return _rectified(paths)
+        return read_in(name, pair_of_opencv, content, fisheye), False
+    return _rectified(paths), True
 
 
 def is_of_raw_cameras(paths: Sequence[Path]) -> bool:
@@ -120,7 +132,11 @@ def labelled_pair(labels: Sequence[ProductLabel | None], paths: Sequence[Path]) 
         ValueError: A label has no camera model, or the cameras are no pair. One line that names the files.
     """
     left, right = (_labelled_camera(label, path) for label, path in zip(labels, paths, strict=True))
-    return read_in(" and ".join(map(str, paths)), PosedPair, left, right)
+    name = " and ".join(map(str, paths))
+    pair = read_in(name, PosedPair, left, right)
+    if pair.left.frame == ZHURONG_FRAME:
+        read_in(name, check_zhurong_frames, pair)
+    return pair
 
 
 def _labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:

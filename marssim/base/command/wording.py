@@ -28,3 +28,10 @@ def where_to_run(error: ImportError, module: str) -> str:
         return ""
     package, dot, _ = module.partition(".")
     return f"; run python -m in the folder of {package}{'' if dot else '.py'}, or put this folder on PYTHONPATH"
+
+
+def without_middle(text: str, kept: int) -> str:
+    """Return a text with "..." instead of its middle, of which `kept` characters stay; a shorter one stays whole."""
+    if len(text) <= kept:
+        return text
+    return f"{text[: (kept + 1) // 2]}...{text[len(text) - kept // 2 :]}"

@@ -123,6 +123,15 @@ def test_middlebury_moves_the_right_eye_by_doffs(tmp_path) -> None:
     np.testing.assert_array_equal(sample.right[:, :-3], right[:, 3:, ::-1])  # moved to the left by 3 px
 
 
+def test_a_right_image_that_would_be_moved_out_of_view_is_refused(tmp_path) -> None:
+    scene = tmp_path / "Adirondack"
+    for name, content in (("im0.png", image(1)), ("im1.png", image()), ("disp0.pfm", ramp())):
+        put(scene / name, content)
+    put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5 + W, doffs=W))
+    with pytest.raises(DatasetError, match=f"im0.png: its calibration takes {W} px out of all disparities"):
+        open_pairs(tmp_path, "all")[0]
+
+
 def test_middlebury_training_sets_leave_out_scenes_without_truth(tmp_path) -> None:
     for name in ("Teddy", "Secret"):
         scene = tmp_path / "MiddEval3" / "trainingH" / name

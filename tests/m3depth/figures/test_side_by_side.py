@@ -50,3 +50,16 @@ def test_the_figure_shows_the_image_and_the_maps_of_every_method(tmp_path, drawn
     # both methods measure 4 m, so the scale goes from 3.9 m to 4.1 m
     shown = images[1].images[0].get_array()
     assert (shown[-1, 0] == depth_colours(np.full((1, 1), 4.0), 3.9, 4.1)[0, 0]).all()
+
+
+def test_long_names_stay_inside_their_image_and_keep_both_ends(tmp_path, drawn_figures):
+    name = "ZL0_0711_0730054943_723RAD_N0332864ZCAM03014_048085A02/rectified/left"
+    shapes = ((60, 80), (80, 60))  # the second one leaves a part of its panel free
+    pairs = [PairMaps.of(name, np.full(shape, 77, np.uint8), {"Bare": prediction(None)}) for shape in shapes]
+    side_by_side_figure(pairs, tmp_path / "figure.png")
+    (figure,) = drawn_figures
+    figure.canvas.draw()
+    for axes in (ax for ax in figure.axes if ax.images):
+        for text in (text for text in axes.texts if text.get_text().startswith("ZL0_0711")):
+            assert text.get_text().endswith("/left")
+            assert text.get_window_extent().x1 < axes.get_window_extent().x1

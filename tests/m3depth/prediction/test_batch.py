@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from m3depth.predict import main, predict
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.overview import shortened, write_sheet
 from m3depth.prediction.sources import inputs
 from m3depth.stereo.classical import SGBM
 from marssim.base.files.json_file import DatasetError
@@ -70,7 +71,7 @@ def test_each_pair_has_a_folder_and_all_of_them_an_overview(folder, tmp_path, ca
         assert {path.name for path in (tmp_path / name).iterdir()} >= {"depth.npy", "figure.png", "prediction.json"}
     record = json.loads((tmp_path / "2/prediction.json").read_text())
     assert record["rig"]["fx"] == 100 and np.array(record["pose"])[0, 3] == 2
-    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 4 * 408
+    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 2000
     video = cv2.VideoCapture(str(tmp_path / "video.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == COUNT
     fused = trimesh.load(tmp_path / "fused_cloud.ply").vertices
@@ -179,6 +180,40 @@ def test_what_is_wrong_for_all_pairs_is_one_line(folder, tmp_path, capsys):
         assert message in error and error.count("\n") == 1
 
 
+def test_where_no_pair_can_be_used_each_reason_is_given_once_and_nothing_is_left(folder, tmp_path, capsys):
+    for eye in ("left", "right"):
+        (tmp_path / eye).mkdir()
+        for number in range(2):
+            (tmp_path / eye / f"{number}.png").write_bytes(b"broken")
+    words = ["--left", f"{tmp_path}/left/*.png", "--right", f"{tmp_path}/right/*.png", "--estimator", "sgbm"]
+    words += ["--focal", "100", "--baseline", "0.2", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if line.startswith(("warning", "error"))] == [
+        *(f"warning: {n} is skipped: {tmp_path}/left/{n}.png: not a readable image" for n in range(2)),
+        "error: no pair of 2 can be used, see the warnings",
+    ]
+    assert not (tmp_path / "out").exists()
+    for eye in ("left", "right"):
+        (tmp_path / eye / "1.png").unlink()
+    assert main(words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if "readable" in line] == [f"error: {tmp_path}/left/0.png: not a readable image"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_sheet_has_large_pictures_of_few_pairs_and_names_with_both_ends(folder, tmp_path):
+    for number in range(2):
+        (tmp_path / f"{number}").mkdir()
+        cv2.imwrite(str(tmp_path / f"{number}/figure.png"), np.zeros((700, 1286, 3), np.uint8))
+    write_sheet(tmp_path, ["0", "1"])
+    assert cv2.imread(str(tmp_path / "overview.jpg")).shape[1] == 2000
+    name = "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01"
+    assert shortened(name, 600) == name
+    short = shortened(name, 200)
+    assert short.startswith("NLMV0709") and short.endswith("2LLJ01") and "..." in short and len(short) < 35
+
+
 def test_frames_of_a_video_are_predicted(plane_samples, tmp_path):
     frames = [np.concatenate([s.left, s.right], axis=1) for s in plane_samples[:3]]
     writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (192, 64))
@@ -211,6 +246,26 @@ def test_masks_and_clouds_of_the_rover_and_of_the_world(folder, tmp_path):
     assert len(fused[0]) > 1000
     for other in points[1:]:
         assert other.mean(axis=0) == pytest.approx(points[0].mean(axis=0), abs=0.02)
+
+
+def test_a_place_on_the_rover_that_nothing_gives_is_a_warning_once(folder, tmp_path, capsys):
+    said = (
+        "warning: nothing says where the cameras are on the rover: 0.65 m ahead of its origin, 1.2 m above the ground"
+    )
+    mount = (0.65, 1.2, 20.0)
+    for name, flags, count in (
+        ("rover", {"cloud_frame": "rover"}, 1), ("camera", {}, 0),
+        ("given", {"cloud_frame": "rover", "mount": mount}, 0),
+        ("poses", {"poses": folder / "poses.txt", "pose_axes": "camera"}, 1),
+    ):  # fmt: skip
+        predict(options(folder, tmp_path / name, write=("depth", "cloud"), **flags), SGBM())
+        assert capsys.readouterr().err.count(said) == count
+        record = json.loads((tmp_path / name / "2/prediction.json").read_text())
+        assert record["mount_assumed"] == (name != "given")
+    images = tuple(folder / eye / "0.png" for eye in ("left", "right"))
+    one = options(folder, tmp_path / "one", left=None, right=None, cloud_frame="rover", write=("depth",))
+    predict(replace(one, images=images), SGBM())
+    assert capsys.readouterr().err.count(said) == 1
 
 
 def test_one_pair_does_not_go_into_a_folder_of_many(folder, tmp_path):

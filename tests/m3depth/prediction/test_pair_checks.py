@@ -87,7 +87,7 @@ def test_limits_grow_with_images_that_will_be_reduced():
     right = np.roll(right, 5, axis=0)
     big = RIG.resized(8 * W, 8 * H)
     [(fatal, message)] = findings(left, right, big)
-    assert not fatal and "5.0 px apart" in message
+    assert not fatal and "5.0 px apart (root mean square over the image, fitted to " in message
 
 
 def test_images_without_matches_have_no_rows():

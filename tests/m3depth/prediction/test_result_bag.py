@@ -132,6 +132,14 @@ def test_a_cloud_of_another_frame_names_it(bag, result, tmp_path):
         np.testing.assert_allclose(points, local @ eye[:3, :3].T + eye[:3, 3], atol=1e-3)
 
 
+def test_the_frames_of_the_bag_hold_also_beside_a_mount(bag, result, tmp_path, capsys):
+    """The clouds are stamped base_link, and the result has the frames of the source."""
+    predict(options(bag, tmp_path / "out", cloud_frame="rover", mount=(0.0, 2.0, 45.0)), SGBM())
+    assert "say where the cameras are on the rover: --mount is not used" in capsys.readouterr().err
+    records = [json.loads((out / "frame_000001/prediction.json").read_text()) for out in (result, tmp_path / "out")]
+    assert records[1]["camera_to_rover"] == records[0]["camera_to_rover"] and not records[1]["mount_assumed"]
+
+
 def test_a_killed_run_makes_the_same_bag(bag, result, tmp_path):
     with pytest.raises(SystemExit):
         predict(options(bag, tmp_path), Killed())

@@ -332,7 +332,7 @@ def test_a_broken_file_is_one_line(tmp_path, case, says, capfd):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
-    """As a place file of a stranger may name one, or a device without an end."""
+    """As an untrusted place file may name one, or a device without an end."""
     os.mkfifo(tmp_path / "map.npy")
     with pytest.raises(ValueError, match=r"^`relief\.heightmap` .*map\.npy: is a device or a pipe, not a file$"):
         build(tmp_path / "map.npy", heightmap_scale=1.0)

@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.estimator import EstimatorName
+from m3depth.estimator import EstimatorName, FilledEstimator
 from m3depth.evaluate import main
 from m3depth.evaluation.without_truth import run
-from m3depth.evaluation.without_truth.scoring import means, score_pair, table
+from m3depth.evaluation.without_truth.pairs import PairImages
+from m3depth.evaluation.without_truth.scoring import means, predictions_of, score_pair, table
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
+from tests.m3depth.turned_pairs import RIG, slope, slope_disparity
 
 
 class Truth:
@@ -51,7 +53,7 @@ def command(folder, out, *more) -> list[str]:
 
 def test_the_truth_agrees_and_explains_more_than_an_answer_that_is_off(plane_samples):
     s = plane_samples[0]
-    scores = score_pair({"truth": Truth(s), "off": Truth(s, 2.0), "sgbm": SGBM()}, s.left, s.right, s.rig)
+    scores = score_pair({"truth": Truth(s), "off": Truth(s, 2.0), "sgbm": SGBM()}, PairImages(s.left, s.right, s.rig))
     assert scores["truth"]["agreement"] > 0.95 and scores["off"]["agreement"] < 0.05
     assert scores["truth"]["residual"] < 0.5 * scores["off"]["residual"]
     assert scores["sgbm"]["residual_ratio"] == pytest.approx(1) and scores["off"]["residual_ratio"] > 2
@@ -60,11 +62,36 @@ def test_the_truth_agrees_and_explains_more_than_an_answer_that_is_off(plane_sam
     assert scores["sgbm"]["sky"] == 0 and scores["sgbm"]["unknown"] > 0.05  # what it only filled
 
 
+def test_a_method_that_stays_silent_gains_nothing_on_common_pixels(plane_samples):
+    s = plane_samples[0]
+
+    class Half(Truth):
+        """Wrong in the lower half of the image, or silent there."""
+
+        def __init__(self, sample, silent: bool) -> None:
+            super().__init__(sample)
+            self.silent = silent
+
+        def infer(self, left, right, rig):
+            out = super().infer(left, right, rig)
+            depth, disparity = out.depth.copy(), out.disparity.copy()
+            lower, nan = np.s_[depth.shape[0] // 2 :], np.float32(np.nan)
+            if self.silent:
+                depth[lower] = disparity[lower] = nan
+            elif np.array_equal(left, s.left):
+                disparity[lower] += 3
+            return Prediction(depth, disparity, None, out.confidence)
+
+    scores = score_pair({"wrong": Half(s, False), "silent": Half(s, True)}, PairImages(s.left, s.right, s.rig))
+    assert scores["wrong"]["agreement"] < 0.7 < 0.95 < scores["silent"]["agreement"]
+    assert scores["wrong"]["common_agreement"] == scores["silent"]["common_agreement"] > 0.95
+
+
 def test_means_leave_out_pairs_without_a_score_and_the_table_shows_it():
     records = [{"a": {"agreement": 0.5, "sky": 0.2}}, {"a": {"sky": 0.4}}]
     assert means(records, ["a"]) == {"a": {"agreement": 0.5, "sky": pytest.approx(0.3)}}
     text = table(means(records, ["a"]), markdown=True)
-    assert text.splitlines()[2] == "| a | 50.0 | - | - | 30.0 | - | - |"
+    assert text.splitlines()[2] == "| a | 50.0 | - | - | - | 30.0 | - | - |"
 
 
 def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys, monkeypatch):
@@ -118,3 +145,77 @@ def test_flags_of_pairs_with_truth_are_refused(folder, tmp_path, capsys, more, m
     assert main(command(folder, tmp_path / "out", *more)) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+TAKEN_OUT = 200.0  # [px] of all disparities, in images of 320 px
+
+
+def write_rectified(folder, name="", scale=1.0, **rig):
+    """A pair as m3depth.rectify writes it, of cameras that are turned towards each other."""
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    for eye, image in zip(("left", "right"), slope(), strict=True):
+        image = cv2.resize(image, None, fx=scale, fy=scale)
+        cv2.imwrite(str(folder / name / f"{eye}.png"), image)
+    scaled = RIG.resized(image.shape[1], image.shape[0])
+    content = {**scaled.to_dict(), "shift": TAKEN_OUT * scale, **rig}
+    (folder / name / "rig.json").write_text(json.dumps(content))
+    return folder / name
+
+
+def test_a_common_disparity_stays_out_of_the_images_as_in_a_prediction(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    pair = write_rectified(tmp_path)
+    images = ["--data", str(tmp_path), "--left", "left.png", "--right", "right.png"]
+    assert main([*images, "--calib", str(pair / "rig.json"), "--out", str(tmp_path / "out")]) == 0
+    results = json.loads((tmp_path / "out/results.json").read_text())["methods"]
+    assert results["SGBM"]["unknown"] < 0.4 and results["SGBM"]["agreement"] > 0.95
+
+
+def test_depth_and_the_nearest_one_are_those_with_the_common_disparity():
+    asked = []
+
+    class Network(SGBM):
+        def infer(self, left, right, rig, nearest=None):
+            asked.append(nearest)
+            return super().infer(left, right, rig)
+
+    images = PairImages(*slope(), RIG, TAKEN_OUT)
+    methods = {"network": Network(), "filled": FilledEstimator(Network())}
+    depth = predictions_of(methods, images)["network"].depth
+    expected = RIG.fb / (slope_disparity(RIG) + TAKEN_OUT)
+    assert np.nanmedian(np.abs(depth / expected - 1)) < 0.005
+    score_pair(methods, images)
+    assert len(asked) == 6 and set(asked) == {RIG.fb}  # 0.84 m lies farther off than all that the images show
+
+
+def test_each_pair_has_the_rig_beside_it_and_pairs_of_two_cameras_are_scored(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    write_rectified(tmp_path, "a/rectified")
+    write_rectified(tmp_path, "b/rectified", 0.75)
+    images = ["--data", str(tmp_path), "--left", "*/rectified/left.png", "--right", "*/rectified/right.png"]
+    assert main([*images, "--out", str(tmp_path / "out")]) == 0
+    records = json.loads((tmp_path / "out/results.json").read_text())["per_pair"]
+    assert [record["pair"] for record in records] == ["a/rectified/left", "b/rectified/left"]
+    assert all(record["SGBM"]["agreement"] > 0.9 for record in records)
+
+    def never(*arguments):
+        raise AssertionError("a pair is scored")
+
+    capsys.readouterr()
+    monkeypatch.setattr(run, "score_pair", never)
+    calib = tmp_path / "a/rectified/rig.json"
+    assert main([*images, "--calib", str(calib), "--out", str(tmp_path / "other")]) == 2
+    line = f"error: {calib}: is for 320 x 256 px, {tmp_path}/b/rectified/left.png is 240 x 192\n"
+    assert capsys.readouterr().err == line and not (tmp_path / "other").exists()
+    (tmp_path / "b/rectified/rig.json").unlink()
+    assert main([*images, "--out", str(tmp_path / "other")]) == 2
+    assert f"or a rig.json beside each: {tmp_path}/b/rectified has none" in capsys.readouterr().err
+
+
+def test_a_calibration_of_raw_cameras_does_not_ask_for_the_flag_that_gave_it(folder, tmp_path, capsys):
+    matrix = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [100, 0, 47, 0, 100, 31, 0, 0, 1]\n"
+    (tmp_path / "stereo.yml").write_text(f"%YAML:1.0\n---\nK1: {matrix}K2: {matrix}")
+    words = ["--data", str(folder), "--left", "left/*.png", "--right", "right/*.png", "--out", str(tmp_path / "out")]
+    assert main([*words, "--calib", str(tmp_path / "stereo.yml")]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith("rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)\n")

@@ -72,6 +72,21 @@ def test_a_list_names_pairs_from_its_folder(tmp_path):
     assert second.calibration(30, 20).baseline == 0.2
 
 
+@pytest.mark.parametrize("prefix", ["../data/", "{}/data/"])
+def test_a_list_of_pairs_elsewhere_names_their_folders(tmp_path, prefix):
+    (tmp_path / "lists").mkdir()
+    for folder in ("00", "01/a"):
+        for eye in ("left", "right"):
+            (tmp_path / "data" / folder).mkdir(parents=True, exist_ok=True)
+            image(tmp_path / "data" / folder / f"raw_{eye}.png")
+    start = prefix.format(tmp_path)
+    lines = [f"{start}{folder}/raw_left.png {start}{folder}/raw_right.png\n" for folder in ("00", "01/a")]
+    (tmp_path / "lists/pairs.txt").write_text("".join(lines))
+    assert [pair.name for pair in find(tmp_path / "lists/pairs.txt").pairs] == ["00/raw_left", "01/a/raw_left"]
+    (tmp_path / "lists/pairs.txt").write_text(lines[0])
+    assert [pair.name for pair in find(tmp_path / "lists/pairs.txt").pairs] == ["raw_left"]
+
+
 def test_what_rectify_wrote_is_one_pair_or_a_folder_of_pairs(tmp_path):
     for name in ("a", "b"):
         for eye in ("left", "right"):

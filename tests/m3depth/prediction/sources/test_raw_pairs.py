@@ -22,6 +22,7 @@ from marssim.base.calibration.kalibr import kalibr_text
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import rectified_view
+from marssim.base.calibration.rectified import read_calibration
 from marssim.base.images.resampling import pixel_grid
 
 needs_pdr = pytest.mark.skipif(find_spec("pdr") is None, reason="needs the extra real")
@@ -190,13 +191,18 @@ def test_align_predicts_without_a_calibration_of_the_raw_cameras(tmp_path, image
     flags = "--align", "--focal", 300, "--baseline", 0.2, "--cx", 243
     assert predicted(tmp_path / "out", *pair, *flags) == 0
     first, _ = capsys.readouterr().out.splitlines()
-    assert "no scale: depth has no unit; rows " in first and "six terms" in first
+    assert "480 x 360 px; focal length 300.0 px, baseline 0.20000 m; rows " in first and "six terms" in first
     record, report = (
         json.loads((tmp_path / "out" / name).read_text()) for name in ("prediction.json", "rectified/report.json")
     )
     assert (record["rig"]["fx"], record["rig"]["cx"], record["rig"]["baseline"]) == (300, 243, 0.2)
+    assert (report["scale"], report["focal_px"], report["baseline_m"]) == ("metres", 300, 0.2)
     assert report["rows"]["rectified"]["median_px"] < 0.1 < report["rows"]["raw"]["median_px"]
     assert np.isfinite(np.load(tmp_path / "out/depth.npy")).mean() > 0.3
+    rig = read_calibration(tmp_path / "out/rectified/rig.json")
+    assert (rig.fx, rig.cx, rig.cy, rig.baseline, rig.size) == (300, 243, 179.5, 0.2, SIZE)
+    near, middle, _ = report["depth_of_matches_m"].values()
+    assert near < middle < np.nanpercentile(np.load(tmp_path / "out/depth.npy"), 99)
 
 
 def test_align_mends_a_calibration_that_has_aged(tmp_path, images):
@@ -270,3 +276,15 @@ def test_what_is_refused(tmp_path, images, capsys):
     assert "match the wrong way round: exchange left and right" in refused(capsys, out, *pair[::-1], *calib)
     never = refused(capsys, out, *pair, *calib, "--rectify", "never")
     assert "is a calibration of images that are not rectified" in never
+
+
+@needs_pdr
+def test_a_fisheye_that_the_calibration_is_not_of_is_one_line(tmp_path, images, products, capsys):
+    pair, out = (images / "left.png", images / "right.png"), tmp_path / "out"
+    line = refused(capsys, out, *pair, "--calib", images / "camchain.yaml", "--fisheye")
+    assert "camchain.yaml: says which lens it is of, and that is no fisheye; leave --fisheye out" in line
+    (left,) = products.glob("NL*")
+    for source in (left, products):
+        assert "--fisheye is of a calibration with OpenCV's names" in refused(capsys, out, source, "--fisheye")
+        never = refused(capsys, out, source, "--rectify", "never")
+        assert never == f"error: --rectify never: {left} is a product of a rover, and these are raw; leave it out\n"

@@ -258,26 +258,6 @@ def test_labels_of_vicar(tmp_path):
     assert np.abs(read.left.project(points) - wanted.left.project(points)).max() < 1e-7 and read.left.size == SIZE
 
 
-ZHURONG = """<?xml version="1.0"?><Product><Array_2D_Image><Axis_Array><axis_name>Line</axis_name>
-<elements>2048</elements></Axis_Array><Axis_Array><axis_name>Sample</axis_name><elements>2048</elements></Axis_Array></Array_2D_Image>
-<focal_length>13.174201</focal_length><pixel_size>5.5</pixel_size><x0>0.010239</x0><y0>0.022188</y0>
-<Exterior_Orientation_Elements><camera_center_position_x>1.0</camera_center_position_x><camera_center_position_y>YY
-</camera_center_position_y><camera_center_position_z>1.8</camera_center_position_z><camera_rotation_angle_x>70
-</camera_rotation_angle_x><camera_rotation_angle_y>0</camera_rotation_angle_y><camera_rotation_angle_z>-90
-</camera_rotation_angle_z></Exterior_Orientation_Elements></Product>"""
-
-
-def test_labels_of_zhurong(tmp_path):
-    """As the module assumes: a camera turned by 70 deg about x, then by -90 deg about z, looks along x and down."""
-    files = [tmp_path / "left.2CL", tmp_path / "right.2CL"]
-    for file, y in zip(files, (0.135, -0.135)):
-        file.write_text(ZHURONG.replace("YY", str(y)))
-    read = read_raw_calibration(files)
-    assert read.baseline == pytest.approx(0.27) and read.left.lens.focal() == pytest.approx(2395.31, abs=0.01)
-    assert read.left.axis == pytest.approx([np.sin(np.deg2rad(70)), 0, -np.cos(np.deg2rad(70))])
-    assert common_orientation(read)[0] == pytest.approx([0, -1, 0])
-
-
 YAML = opencv_text(pair())
 
 
@@ -367,3 +347,28 @@ def test_exchanged_cameras_are_refused():
         common_orientation(ahead)
     with pytest.raises(ValueError, match="both files of one eye"):
         PosedPair(pair().left, pair().left)
+
+
+@pytest.mark.parametrize(
+    ("says", "message"),
+    [
+        ("distortion_model: radtan", "distortion_model radtan says that the lenses are no fisheyes; leave --fisheye"),
+        ("model: plumb_bob", "model plumb_bob says that the lenses are no fisheyes; leave --fisheye out"),
+        ("fisheye: 0", "fisheye 0 says that the lenses are no fisheyes; leave --fisheye out"),
+    ],
+)
+def test_a_file_that_says_that_it_is_of_no_fisheye_is_not_read_as_one(tmp_path, says, message):
+    path = tmp_path / "stereo.yml"
+    path.write_text(opencv_text(pair()).replace("distortion_model: radtan", says))
+    assert_same(read_raw_calibration([path]), pair())
+    with pytest.raises(ValueError, match=rf"stereo\.yml: {message}"):
+        read_raw_calibration([path], fisheye=True)
+
+
+def test_the_fisheye_flag_does_not_override_kalibr(tmp_path):
+    path = tmp_path / "camchain.yaml"
+    path.write_text(kalibr_text(pair(Fisheye)))
+    assert_same(read_raw_calibration([path], fisheye=True), pair(Fisheye))
+    path.write_text(kalibr_text(pair()))
+    with pytest.raises(ValueError, match=r"camchain.yaml: says which lens it is of, and that is no fisheye"):
+        read_raw_calibration([path], fisheye=True)

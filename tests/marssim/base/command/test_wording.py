@@ -1,6 +1,6 @@
 import pytest
 
-from marssim.base.command.wording import where_to_run
+from marssim.base.command.wording import where_to_run, without_middle
 
 
 @pytest.mark.parametrize(
@@ -19,3 +19,8 @@ def test_a_module_that_is_not_found_gets_a_hint(module, missing, hint):
 
 def test_an_import_that_fails_otherwise_gets_none():
     assert where_to_run(ImportError("cannot import name 'x'", name="my_driver"), "my_driver") == ""
+
+
+def test_a_long_text_loses_its_middle():
+    assert without_middle("0123456789", 10) == "0123456789"
+    assert without_middle("0123456789", 5) == "012...89" and without_middle("0123456789", 2) == "0...9"
