@@ -314,7 +314,7 @@ def _step_lines(config: EvaluateConfig, task: Task) -> Watch:
 
 def _drives_done(config: EvaluateConfig) -> str:
     """Return how many drives are finished, as a worker sees it from the files."""
-    done = len(list((config.out / "episodes").glob("*.json")))
+    done = sum((config.out / "episodes" / task.file).is_file() for task in config.tasks)
     return f"{done} of {counted(len(config.tasks), 'drive')} done"
 
 

@@ -13,7 +13,7 @@ import pytest
 import envs.evaluate
 from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
-from envs.evaluate import SETTINGS, EvaluateConfig, Task, drive, evaluate, main
+from envs.evaluate import SETTINGS, EvaluateConfig, Task, _drives_done, drive, evaluate, main
 from envs.world.eyes import EyesConfig
 from m3depth.estimator import load_estimator
 from marssim.base.bags.reader import Bag
@@ -449,3 +449,11 @@ def test_without_pybullet_it_drives_by_kinematic_dynamics_and_says_so(tmp_path):
     assert refused.returncode == 2 and not (tmp_path / "b").exists()
     expected = "error: --dynamics physics needs PyBullet, which is not installed; choose kinematic instead\n"
     assert refused.stderr == expected
+
+
+def test_only_drives_of_the_evaluation_count_as_done(tmp_path):
+    config = EvaluateConfig(tmp_path, driver=("straight",), episodes=3)
+    (tmp_path / "episodes").mkdir()
+    for name in (config.tasks[1].file, "of-another-shard.json"):
+        (tmp_path / "episodes" / name).touch()
+    assert _drives_done(config) == "1 of 3 drives done"
