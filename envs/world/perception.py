@@ -12,7 +12,7 @@ from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM, StereoRig
-from marssim.base.compute.one_thread import one_thread_in_workers
+from marssim.base.compute.one_thread import one_thread_in_workers, several_threads
 from marssim.base.dataset.frame import StereoFrame
 from marssim.render.renderers.by_name import checked_renderer_name, make_renderer
 from marssim.render.renderers.renderer import Renderer
@@ -194,7 +194,9 @@ class Perception:
         if self.renderer is None or self._scene is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
-        return render_stereo(self.renderer, self._shader, self.rig, pose, self._sensor, self._rng)
+        return render_stereo(
+            self.renderer, self._shader, self.rig, pose, self._sensor, self._rng, at_once=several_threads()
+        )
 
     def close(self) -> None:
         """Free the renderer; may be called twice."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.compute.compiled import compiled, read_only
+from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.frame import GROUND, SKY, StereoFrame
 from marssim.base.pose import rotate
 from marssim.base.right_image import IDEAL, image_disparity, outside_right
@@ -30,7 +31,7 @@ SMOOTH = 0.03  # relative change of 1 / Z from pixel to pixel up to which a view
 
 def render_stereo(
     renderer: Renderer, shader: Shader, rig: StereoRig, pose: np.ndarray, sensor: Sensor, rng: np.random.Generator,
-    rover: np.ndarray | None = None,
+    rover: np.ndarray | None = None, at_once: bool = False,
 ) -> StereoFrame:  # fmt: skip
     """Render both images and the ground truth.
 
@@ -45,6 +46,7 @@ def render_stereo(
         sensor: The two detectors.
         rng: Random generator of the detectors' noise.
         rover: (4, 4) body to world of the rover that carries the cameras; None for a scene without it.
+        at_once: Render both eyes at once, in two threads, which takes more memory. The frame is the same.
     """
     if rover is not None:
         renderer = WithRover(renderer, RoverBody(rover, pose, rig.baseline), shader.light.sun)
@@ -52,11 +54,15 @@ def render_stereo(
     right_pose = rig.right_pose(pose)
     right_pose[:3, :3] @= rotation
     footprint = Footprint.of(rig.camera, pose)
-    left_view = renderer.render(rig.camera, pose, footprint)
-    left = radiance(renderer, shader, rig.camera, pose, left_view, footprint)
-    left_view = replace(left_view, shading_normal=SHADED, detail=SHADED)
-    right_view = renderer.render(rig.camera, right_pose, footprint)
-    right = radiance(renderer, shader, rig.camera, right_pose, right_view, footprint)
+
+    def seen(pose: np.ndarray) -> tuple[GBuffer, np.ndarray]:
+        view = renderer.render(rig.camera, pose, footprint)
+        colour = radiance(renderer, shader, rig.camera, pose, view, footprint)
+        return replace(view, shading_normal=SHADED, detail=SHADED), colour
+
+    (left_view, left), (right_view, right) = (
+        in_threads(seen, (pose, right_pose), 2) if at_once else map(seen, (pose, right_pose))
+    )
     left_image, right_image = sensor.expose_pair(left, right, left_view.hit, rng)
     return StereoFrame(
         left=left_image,

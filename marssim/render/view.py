@@ -20,6 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.camera import NATECAM, StereoRig
+from marssim.base.compute.one_thread import several_threads
 from marssim.base.dataset.frame import StereoFrame
 from marssim.render.renderers.by_name import RendererName, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
@@ -115,7 +116,9 @@ class SceneRenderer:
         rover = None
         if rover_pan_deg is not None:
             rover = rover_below(self.scene, pose, self.rig.baseline, float(np.deg2rad(rover_pan_deg)))
-        return render_stereo(self._renderer, self._shader, self.rig, pose, sensor, rng, rover)
+        return render_stereo(
+            self._renderer, self._shader, self.rig, pose, sensor, rng, rover, at_once=several_threads()
+        )
 
     def draw(
         self,

@@ -30,16 +30,18 @@ NOT_KEPT = f"{COMPILING} in each process; set NUMBA_CACHE_DIR to a folder that c
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Decorator of a kernel: compiled at its first call, strict IEEE arithmetic, division by zero as in numpy.
 
+    It releases Python's lock (GIL), so that kernels run side by side in threads.
+
     The machine code is kept where numba finds a folder to write (NUMBA_CACHE_DIR, the package's own, the user's), for
     as long as no source file of the package changes; where there is none, each process compiles again. A command
     says that it compiles (marssim.base.command.notes).
     """
-    return _kept(njit(error_model="numpy")(function), function)
+    return _kept(njit(error_model="numpy", nogil=True)(function), function)
 
 
 def compiled_in_place(function: Callable[..., Any]) -> Callable[..., Any]:
     """Decorator of a kernel that makes no arrays: as `compiled`, but without reference counts, which cost time."""
-    without_counts: Any = {"error_model": "numpy", "_nrt": False}
+    without_counts: Any = {"error_model": "numpy", "nogil": True, "_nrt": False}
     return _kept(njit(**without_counts)(function), function)
 
 

@@ -30,6 +30,11 @@ def one_thread_in_workers() -> None:
         os.environ[THREADS] = "1"  # PyTorch reads it when it is imported
 
 
+def several_threads() -> bool:
+    """Tell whether this process may compute in several threads: neither OpenCV nor OMP_NUM_THREADS is set to one."""
+    return cv2.getNumThreads() > 1 and os.environ.get(THREADS) != "1"
+
+
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Let OpenCV and PyTorch, if it is imported, compute in one thread within the block.

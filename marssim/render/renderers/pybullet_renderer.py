@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threading import Lock
+
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
@@ -40,6 +42,7 @@ class PyBulletRenderer(RayQueries):
     def __init__(self, scene: Scene, egl: bool = False) -> None:
         super().__init__(scene)
         self._tiles = EglTiles(scene) if egl else BulletTiles(scene)
+        self._drawing = Lock()
         self._group = self._tiles.group_of(self._surface.bodies.surface)
 
     def render(
@@ -70,7 +73,8 @@ class PyBulletRenderer(RayQueries):
             (H, W) float64 depth [m], arbitrary in the sky, and (H, W) int32 groups: SKY, GROUND, or the number of one
             or several rocks (`BulletTiles.group_of`).
         """
-        return self._tiles.draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
+        with self._drawing:  # it shows and hides bodies: one view at a time
+            return self._tiles.draw(camera, pose, NEAR, self._farthest(pose[:3, 3]))
 
     def close(self) -> None:
         """Free the PyBullet world; a second call does nothing."""

@@ -1,6 +1,6 @@
 """The two images of a pair, compared with the ground truth."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from marssim.scene.scene import Scene, SceneConfig, build_scene
 
 RIG = NATECAM.resized(160, 160)
 CLEAN = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0, gain_difference=0.0)
+BELOW = np.array([[0, -1, 0, 0], [0, 0, -1, 1.2], [1, 0, 0, -0.3], [0, 0, 0, 1.0]])  # body to camera
 NOISY = replace(CLEAN, full_well=4000.0, read_noise=14.0)
 
 
@@ -60,6 +61,37 @@ def test_imperfect_rectification_shows_in_the_right_image_alone(scene, renderer,
         moved = np.roll(frame.right, down, axis=0).astype(float)
         shifts.append(np.abs(moved - other.right)[4:-4, 4:-4].mean())
     assert shifts[1] < 0.6 * shifts[0] and shifts[1] < 0.6 * shifts[2]
+
+
+@pytest.mark.parametrize("name", ["scan", "embree", "pybullet"])
+def test_both_eyes_at_once_give_the_same_frame(scene, pose, name):
+    opened, shader, frames = make_renderer(name, scene), Shader(scene), []
+    for at_once in (True, False):  # the first one of them builds PyBullet's bodies
+        frames.append(
+            render_stereo(opened, shader, RIG, pose, NOISY, np.random.default_rng(3), pose @ BELOW, at_once=at_once)
+        )
+    opened.close()
+    for field in fields(StereoFrame):
+        both, one = (getattr(frame, field.name) for frame in frames)
+        assert both is one or np.array_equal(both, one), field.name
+
+
+def test_a_fault_in_one_eye_reaches_the_caller(scene, renderer, pose):
+    class Blind:
+        def __init__(self) -> None:
+            self.looks = 0
+
+        def render(self, *args):
+            self.looks += 1
+            if self.looks == 2:
+                raise RuntimeError("no second look")
+            return renderer.render(*args)
+
+        def __getattr__(self, name):
+            return getattr(renderer, name)
+
+    with pytest.raises(RuntimeError, match="no second look"):
+        render_stereo(Blind(), Shader(scene), RIG, pose, CLEAN, np.random.default_rng(0), at_once=True)
 
 
 def warped(frame: StereoFrame, step: float = 0.0) -> np.ndarray:

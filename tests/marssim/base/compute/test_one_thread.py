@@ -56,3 +56,13 @@ def test_a_block_computes_in_one_thread_and_leaves_the_number_as_it_was(threads,
     with one_thread.one_thread():
         assert cv2.getNumThreads() == 1
     assert cv2.getNumThreads() == 2
+
+
+@pytest.mark.parametrize(
+    ("of_opencv", "of_user", "several"), [(2, None, True), (1, None, False), (2, "1", False), (2, "2", True)]
+)
+def test_several_threads_are_used_unless_one_is_asked_for(threads, monkeypatch, of_opencv, of_user, several):
+    cv2.setNumThreads(of_opencv)
+    if of_user:
+        monkeypatch.setenv(one_thread.THREADS, of_user)
+    assert one_thread.several_threads() is several
