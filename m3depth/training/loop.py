@@ -159,6 +159,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
     dtype = {"auto": fast_dtype(device), "fp32": None, "bf16": torch.bfloat16}[config.precision]
     run.model.recompute = config.recompute
     spent_before, began, saved = run.seconds, time.monotonic(), time.monotonic()
+    used_before = time.process_time()
     waited, batch = 0.0, None
     with stop_on_signal() as signals:
         while True:
@@ -181,7 +182,8 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 continue
             if run.step % 10 == 0 or run.step == 1:
                 share = waited / max(time.monotonic() - began, 1e-9)
-                log.write("train", run.step, values | {"minutes": run.seconds / 60, "loader_share": share})
+                times = {"minutes": run.seconds / 60, "processor_minutes": (time.process_time() - used_before) / 60}
+                log.write("train", run.step, values | times | {"loader_share": share})
             log.progress(progress_text(run, values))
             if time.monotonic() - saved > 60 * config.checkpoint_minutes:
                 check_state(run, batch, dtype)

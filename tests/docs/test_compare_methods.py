@@ -54,8 +54,9 @@ def folders(tmp_path) -> tuple[Path, Path]:
             "commit": "0123456789ab",
             "command": "python -m m3depth.train --seed 3",
         },
-        {"kind": "train", "step": 1, "minutes": 0.1},
+        {"kind": "train", "step": 1, "minutes": 0.1, "processor_minutes": 0.2},
         {"kind": "val", "step": 50, "epe": 8.0},
+        {"kind": "train", "step": 60, "minutes": 7.0, "processor_minutes": 12.0},
         {
             "kind": "start",
             "step": 60,
@@ -63,7 +64,7 @@ def folders(tmp_path) -> tuple[Path, Path]:
             "commit": "ba9876543210",
             "command": "python -m m3depth.train --again",
         },
-        {"kind": "train", "step": 100, "minutes": 12.0},
+        {"kind": "train", "step": 100, "minutes": 12.0, "processor_minutes": 9.0},
         {"kind": "val", "step": 100, "epe": 2.0},
     ]
     (run / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
@@ -83,9 +84,9 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
     content = read_json(out / "methods.json")
     mine = content["runs"]["mine"]
     assert mine["parameters"] == sum(p.numel() for p in M3Depth(SMALL).parameters())
-    assert (mine["steps"], mine["minutes"]) == (100, 12.0)
-    # step 50 lies between the logged steps 1, at 0.1 min, and 100, at 12 min
-    assert [v["minutes"] for v in mine["validations"]] == pytest.approx([0.1 + 49 / 99 * 11.9, 12.0])
+    assert (mine["steps"], mine["minutes"], mine["processor_minutes"]) == (100, 12.0, 21.0)
+    # step 50 lies between the logged steps 1, at 0.2 min, and 60, at 12 min
+    assert [v["processor_minutes"] for v in mine["validations"]] == pytest.approx([0.2 + 49 / 59 * 11.8, 21.0])
     clean = content["sets"]["clean"]
     assert (clean["pairs"], clean["scenes"]) == (2, 2)
     assert clean["metrics"]["mine"]["abs_rel"]["value"] == pytest.approx(0.03)
@@ -95,7 +96,7 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
     assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)
     assert clean["intervals"]["mine"]["intervals"][0]["pooled"]["mae"] is None
     page = (out / "methods.md").read_text()
-    assert mine["memory_mib"] == 300 and mine["seconds"] == 1.0 and "| 1.00 | 300 | 100 | 12 |" in page
+    assert mine["memory_mib"] == 300 and mine["seconds"] == 1.0 and "| 1.00 | 300 | 100 | 21 | 12 |" in page
     assert "| mine | 3 | 0123456789ab, ba9876543210 | `python -m m3depth.train --again` |" in page
     assert page.index("| mine | 0.0300 (0.0200 to 0.0400)") < page.index("| SGBM | 0.0800")
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page

@@ -12,7 +12,15 @@ from typing import Any
 import torch
 from small_network import SMALL
 
-TIMES = {"seconds", "minutes", "step_seconds", "perception_seconds", "loader_share", "memory_mib"}  # keys of costs
+TIMES = {
+    "seconds",
+    "minutes",
+    "processor_minutes",
+    "step_seconds",
+    "perception_seconds",
+    "loader_share",
+    "memory_mib",
+}  # keys of costs
 LOG = "log.jsonl"  # of a training; that of envs.train_ppo depends on the clock
 TEXTS = {".md": "\n", ".html": "</html>\n"}  # have times among their words; how they end
 LEFT_OVER = ("*.part", "*.partial", ".lock", "unfinished.npz")  # what no run that is done may leave
