@@ -212,11 +212,17 @@ class RefinementStep(nn.Module):
 
 
 class ConvexUpsampling(nn.Module):
-    """Upsampling by learned weights: a fine pixel is a convex combination of 3 x 3 coarse ones (RAFT)."""
+    """Upsampling by learned weights: a fine pixel is a convex combination of 3 x 3 coarse ones (RAFT).
 
-    def __init__(self, hidden: int, factor: int) -> None:
+    Args:
+        hidden: Channels of the state from which the weights are computed.
+        factor: Fine pixels along the side of a coarse one.
+        scale: Factor of the weights before their softmax.
+    """
+
+    def __init__(self, hidden: int, factor: int, scale: float = 1.0) -> None:
         super().__init__()
-        self.factor = factor
+        self.factor, self.scale = factor, scale
         self.weights = nn.Sequential(
             nn.Conv2d(hidden, 2 * hidden, 3, padding=1),
             nn.ReLU(inplace=True),
@@ -229,7 +235,8 @@ class ConvexUpsampling(nn.Module):
         padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
         # the rows above, of and below each row, (B, 3 M, H, W + 2)
         beside = torch.cat([padded[:, :, k : k + height] for k in range(3)], 1)
-        return by_rows(self._combined, self.weights(hidden), beside)
+        weights = self.weights(hidden)
+        return by_rows(self._combined, weights if self.scale == 1 else self.scale * weights, beside)
 
     def _combined(self, weights: Tensor, beside: Tensor) -> Tensor:
         """Return (B, M, f h, f W) from weights (B, 9 f f, h, W), before the softmax, and maps (B, 3 M, h, W + 2)."""

@@ -91,17 +91,14 @@ class CreStereoConfig(RivalConfig):
     heads: int = 4
     """Heads of the attention, which divide the feature channels."""
     train_steps: int = 6
-    """Steps at 1/4 in training, 2 or more; half as many at 1/16 and at 1/8."""
+    """Steps at 1/4 in training; at 1/16 and at 1/8 half as many, but 5 at least."""
     steps: int = 6
-    """Steps at 1/4 after training, 2 or more; half as many at 1/16 and at 1/8."""
+    """Steps at 1/4 after training; at 1/16 and at 1/8 half as many, but 5 at least."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_multiple("features", 16)
         self._check_multiple("features", self.heads)
-        for name in ("train_steps", "steps"):
-            if getattr(self, name) < 2:
-                raise ValueError(f"{name} must be at least 2, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)

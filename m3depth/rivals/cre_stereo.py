@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from m3depth.network.refinement import ConvexUpsampling
 from m3depth.rivals.config import CreStereoConfig
-from m3depth.rivals.layers import sampled, start_as_encoder, trunk
+from m3depth.rivals.layers import MASK_SCALE, in_float32, sampled, start_as_encoder, trunk
 from m3depth.rivals.output import SequenceOutput, Truth, fading_shares, mean_over
 from m3depth.rivals.rival import SteppedRival
 
@@ -33,6 +33,7 @@ CELL = 4  # side of a cell of the finest level [px], and factor of the learned u
 GROUPS = 4  # of channels that are correlated apart
 WINDOWS = ((1, 9), (3, 3))  # heights and widths of the window, in turn [cells]
 SAMPLES = 9  # cells of either window
+LEAST_COARSE_STEPS = 5  # at 1/16 and at 1/8: with fewer, the windows at 1/16 do not reach 192 px
 DECAY = 0.8  # of the weight of a map's loss to that of the next one, as in the released training
 
 
@@ -80,12 +81,16 @@ class AttentionLayer(nn.Module):
 
         # softmax is replaced by the kernel elu + 1, so that the cost is linear in N
         query, key = (F.elu(split(y)) + 1 for y in (self.query(x), self.key(source)))
-        value = split(self.value(source))
-        memory = torch.einsum("bnhc,bnhd->bhcd", key, value) / len(source[0])
-        scale = torch.einsum("bnhc,bhc->bnh", query, key.mean(1)).clamp(min=1e-6)
-        message = torch.einsum("bnhc,bhcd->bnhd", query, memory) / scale[..., None]
+        message = in_float32(attended, query, key, split(self.value(source)))
         message = self.first(self.merge(message.flatten(2).to(x.dtype)))
         return x + self.second(self.perceptron(torch.cat([x, message], 2)))
+
+
+def attended(query: Tensor, key: Tensor, value: Tensor) -> Tensor:
+    """Return the means (B, N, heads, C) of values (B, M, heads, C), weighed by the products of queries and keys."""
+    memory = torch.einsum("bnhc,bnhd->bhcd", key, value) / key.shape[1]
+    scale = torch.einsum("bnhc,bhc->bnh", query, key.mean(1)).clamp(min=1e-6)
+    return torch.einsum("bnhc,bhcd->bnhd", query, memory) / scale[..., None]
 
 
 def position_code(like: Tensor) -> Tensor:
@@ -199,9 +204,9 @@ class CascadeUpdate(nn.Module):
 
     def forward(self, state: Tensor, context: Tensor, displacement: Tensor, scores: Tensor) -> tuple[Tensor, Tensor]:
         """Return the new state and the corrected displacement, (B, hidden, h, w) and (B, 2, h, w)."""
-        moved = displacement.to(state.dtype)
-        motion = self.joined(torch.cat([self.scores(scores.to(state.dtype)), self.displacement(moved)], 1))
-        state = self.unit(state, torch.cat([context, motion, moved], 1))
+        looked, moved = self.scores(scores.to(state.dtype)), in_float32(self.displacement, displacement)
+        motion = self.joined(torch.cat([looked, moved.to(looked.dtype)], 1))
+        state = self.unit(state, torch.cat([context, motion, displacement.to(motion.dtype)], 1))
         return state, displacement + self.head(state).float()
 
 
@@ -221,7 +226,7 @@ class CreStereo(SteppedRival):
         self.within, self.between = (AttentionLayer(width, config.heads) for _ in range(2))
         self.offsets = nn.ModuleList([nn.Conv2d(width, 2 * SAMPLES, 3, padding=1) for _ in range(2)])
         self.update = CascadeUpdate(width // 2)
-        self.upsample = ConvexUpsampling(width // 2, CELL)
+        self.upsample = ConvexUpsampling(width // 2, CELL, MASK_SCALE)
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> DisplacementOutput:
         """Return the displacement after each step of all levels, or outside of training the last one alone.
@@ -233,7 +238,8 @@ class CreStereo(SteppedRival):
         every = self.training or self.every_step
         maps: list[Tensor] = []
         previous: Tensor | None = None  # (B, 2, 2 h, 2 w) of the next level's h x w, in cells of half its size
-        for scale, count in ((4, steps // 2), (2, steps // 2), (1, steps)):  # cells of 1/4 along one of the level
+        coarse = max(LEAST_COARSE_STEPS, steps // 2)
+        for scale, count in ((4, coarse), (2, coarse), (1, steps)):  # cells of 1/4 along one of the level
             level = self._level(features, scale)
             if previous is None:
                 moved = torch.zeros_like(level.left[:, :2])

@@ -22,7 +22,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from m3depth.rivals.config import FusionConfig
-from m3depth.rivals.normal_network import NormalInput, NormalNetwork, NormalOutput, TrainedNormals, in_float32
+from m3depth.rivals.layers import in_float32
+from m3depth.rivals.normal_network import NormalInput, NormalNetwork, NormalOutput, TrainedNormals
 
 SHARES = (1.0, 0.5, 0.25, 0.125)  # weights of the losses at 1/1, 1/2, 1/4 and 1/8
 GEOMETRY = 3  # channels of the depth branch's input: logarithm of depth, and the direction of the pixel

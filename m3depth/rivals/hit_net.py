@@ -7,150 +7,45 @@ A U-Net without normalisation describes both images at 1/16 to 1/1. At each reso
 tile is found by comparing it with all others, without a volume that is kept: that is a hypothesis, a plane with a
 descriptor. From coarse to fine, the hypotheses of the level before are enlarged along their slants and compared with
 the new ones: the right features are warped by each plane, and a small network corrects both and says which one to take.
-Three refinements end at single pixels. Each part has a loss of its own: the costs of the guesses, the disparities (a
-robust distance, which counts an error of more than 1 px as one of 1 px at the coarser resolutions), the slants where
-the disparity is right, and the confidences by which hypotheses are chosen. The released training takes the true slants
-from fitted planes; here they are the slopes of the true disparity, where it has no edge.
+Three refinements end at single pixels. Each part has a loss of its own (hit_net_loss.py): the costs of the guesses, the
+disparities (a robust distance, which counts an error of more than 1 px as one of 1 px at the coarser resolutions), the
+slants where the disparity is right, and the confidences by which hypotheses are chosen.
+
+What takes disparities as numbers computes in full precision. The features and the guesses start with the weights of He
+et al.: with PyTorch's own, which are smaller, the features fade from layer to layer, and costs in bfloat16 hardly
+differ.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+import math
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from m3depth.network.geometry import sobel
 from m3depth.rivals.config import HitNetConfig
-from m3depth.rivals.output import Truth, mean_over
+from m3depth.rivals.hit_net_loss import Choice, Guess, HitNetOutput, Scored
+from m3depth.rivals.hit_net_tiles import TILE, spread, subdivided
+from m3depth.rivals.layers import in_float32
 from m3depth.rivals.rival import Rival
 from m3depth.stereo.pairs import MAX_DISPARITY
 
-TILE = 4  # side of a tile [px of its resolution]
 PLANE = 16  # channels of a hypothesis: disparity, its slopes across and down, and a descriptor
 LEVELS = 5  # resolutions 1/1, 1/2, ... 1/16
 SLOPE = 0.2  # of the leaky rectifiers
-ALPHA, KNEE = 0.9, 0.1  # of the robust distance (Barron, CVPR 2019): shape, and scale [px]
-FAR = 1.0  # [px] error from which a coarse disparity counts no more, and its slant is not trained
-SURE, UNSURE = 1.0, 1.5  # [px] errors below and above which a confidence should be 1 or more, and 0 or less
-MARGIN = 1.0  # by which the cost of a wrong disparity should exceed 0
-EDGE = 1.5  # [px] around the true disparity that is not wrong
 
 
-class Scored(NamedTuple):
-    """Hypotheses that are trained.
+def start_as_he(module: nn.Module) -> None:
+    """Draw the weights of all convolutions so that leaky rectifiers keep the size of what passes (He et al.).
 
-    Attributes:
-        plane: (B, 3, h, w) disparity [px of the resolution] and its slopes.
-        cell: Side of a tile [px of the image].
-        scale: Pixels of the image along one of the resolution.
+    A pixel of a transposed convolution, whose kernels do not overlap here, has one tap of each input.
     """
-
-    plane: Tensor
-    cell: int
-    scale: int
-
-
-class Guess(NamedTuple):
-    """The costs of all whole disparities at one resolution, (B, D, h, w), and pixels of the image along one of it."""
-
-    costs: Tensor
-    scale: int
-
-
-class Choice(NamedTuple):
-    """Confidence and disparity of one of two hypotheses, (B, 1, h, w), with scale as in Scored."""
-
-    confidence: Tensor
-    disparity: Tensor
-    scale: int
-
-
-@dataclass(frozen=True)
-class HitNetOutput:
-    """The disparity, (B, 1, H, W) [px], and what is trained beside it, on the grids of the padded images."""
-
-    disparity: Tensor
-    scored: list[Scored]
-    guesses: list[Guess]
-    choices: list[Choice]
-    normal: Tensor | None = None
-    confidence: Tensor | None = None
-    sky: Tensor | None = None
-
-    def cropped(self, height: int, width: int) -> HitNetOutput:
-        """Cut the disparity to an image of height x width [px]; the truth is padded for the other maps."""
-        return replace(self, disparity=self.disparity[..., :height, :width])
-
-    def terms(self, truth: Truth) -> dict[str, Tensor]:
-        """Return the sums of the four losses over all resolutions."""
-        height, width = (side * self.scored[-1].cell for side in self.scored[-1].plane.shape[-2:])
-        missing = (0, width - truth.disparity.shape[-1], 0, height - truth.disparity.shape[-2])
-        disparity = F.pad(
-            torch.where(truth.valid, truth.disparity, -torch.ones_like(truth.disparity)), missing, value=-1
-        )
-        slopes = torch.cat([sobel(disparity), (F.max_pool2d(disparity, 3, 1, 1) - disparity).abs(),
-                            (F.max_pool2d(-disparity, 3, 1, 1) + disparity).abs()], 1)  # fmt: skip
-        terms: dict[str, Tensor] = {}
-
-        def add(name: str, loss: Tensor) -> None:
-            terms[name] = terms[name] + loss if name in terms else loss
-
-        for scored in self.scored:
-            true, valid, index = tile_truth(disparity, scored.cell, scored.scale)
-            error = (scored.plane[:, :1] - true).abs()
-            add("disparity", mean_over(robust(error.clamp(max=FAR) if scored.scale > 1 else error), valid))
-            tile = slopes.flatten(2).gather(2, index.flatten(2).expand(-1, 4, -1)).unflatten(2, true.shape[-2:])
-            smooth = valid & (error.detach() < FAR) & (tile[:, 2:].amax(1, keepdim=True) < 1)
-            add("slant", mean_over((scored.plane[:, 1:3] - tile[:, :2]).abs().sum(1, keepdim=True), smooth))
-        for costs, scale in self.guesses:
-            true, valid, _ = tile_truth(disparity, TILE * scale, scale)
-            add("guess", guess_loss(costs, true, valid))
-        for confidence, guessed, scale in self.choices:
-            true, valid, _ = tile_truth(disparity, TILE * scale, scale)
-            error = (guessed.detach() - true).abs()
-            add("choice", mean_over((1 - confidence).clamp(min=0), valid & (error < SURE)))
-            add("choice", mean_over(confidence.clamp(min=0), valid & (error > UNSURE)))
-        return terms
-
-
-def tile_truth(disparity: Tensor, cell: int, scale: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the largest true disparity of each tile [px of the resolution], whether there is one, and where it is.
-
-    Args:
-        disparity: (B, 1, H, W) [px], -1 where it is unknown.
-        cell: Side of a tile [px].
-        scale: Pixels of the image along one of the resolution.
-    """
-    largest, index = F.max_pool2d(disparity, cell, return_indices=True)
-    return largest / scale, largest >= 0, index
-
-
-def robust(error: Tensor) -> Tensor:
-    """Return Barron's general robust distance of errors [px], which grows more slowly than the absolute error."""
-    bend = abs(ALPHA - 2)
-    return bend / ALPHA * (((error / KNEE).square() / bend + 1) ** (ALPHA / 2) - 1)
-
-
-def guess_loss(costs: Tensor, true: Tensor, valid: Tensor) -> Tensor:
-    """Return the cost at the true disparity, and by how much the least cost of a wrong one falls short of MARGIN.
-
-    Args:
-        costs: (B, D, h, w) of the disparities 0, 1, ... D - 1.
-        true: (B, 1, h, w) true disparity.
-        valid: (B, 1, h, w) bool.
-    """
-    last = costs.shape[1] - 1
-    valid = valid & (true <= last)
-    place = true.clamp(0, last)
-    first = place.floor().long().clamp(max=max(0, last - 1))
-    part = place - first
-    at_truth = (1 - part) * costs.gather(1, first) + part * costs.gather(1, (first + 1).clamp(max=last))
-    steps = torch.arange(last + 1, device=costs.device)[:, None, None]
-    wrong = costs.masked_fill((steps - true).abs() <= EDGE, torch.inf).amin(1, keepdim=True)
-    return mean_over(at_truth + (MARGIN - wrong).clamp(min=0), valid)
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d):
+            taps = 1 if isinstance(layer, nn.ConvTranspose2d) else layer.kernel_size[0] * layer.kernel_size[1]
+            nn.init.normal_(layer.weight, std=math.sqrt(2 / (1 + SLOPE**2) / (layer.in_channels * taps)))
+            nn.init.zeros_(layer.get_parameter("bias"))
 
 
 def leaky(*layers: nn.Module) -> nn.Sequential:
@@ -255,30 +150,6 @@ class ResidualPair(nn.Module):
         return F.leaky_relu(x + self.body(x), SLOPE)
 
 
-def spread(planes: Tensor, parts: int, side: float) -> Tensor:
-    """Return the disparity of each part of a tile, along its slants.
-
-    Args:
-        planes: (B, C, h, w) hypotheses.
-        parts: Parts along the side of a tile.
-        side: Side of a part [px].
-
-    Returns:
-        (B, 1, parts h, parts w).
-    """
-    offset = (torch.arange(parts, device=planes.device) - (parts - 1) / 2) * side
-    across, down = offset.repeat(parts), offset.repeat_interleave(parts)
-    disparity = planes[:, :1] + across[:, None, None] * planes[:, 1:2] + down[:, None, None] * planes[:, 2:3]
-    return F.pixel_shuffle(disparity, parts)
-
-
-def subdivided(planes: Tensor, factor: int, side: float) -> Tensor:
-    """Return hypotheses (B, C, 2 h, 2 w) of half the tiles' side [px of the finer grid], disparities times a factor."""
-    planes = torch.cat([planes[:, :1] * factor, planes[:, 1:]], 1)
-    rest = F.interpolate(planes[:, 1:], scale_factor=2.0, mode="nearest")
-    return torch.cat([spread(planes, 2, side), rest], 1)
-
-
 def warped_costs(planes: Tensor, left: Tensor, right: Tensor) -> Tensor:
     """Return how well the images agree on each pixel of each tile, for its plane and 1 px to either side.
 
@@ -316,16 +187,16 @@ class Propagation(nn.Module):
         )  # fmt: skip
 
     def forward(self, sets: list[Tensor], left: Tensor, right: Tensor) -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
-        """Return the hypotheses that are taken, and confidence and disparity of each set where there are two."""
+        """Return the hypotheses that are taken, and confidence and plane of each set where there are two."""
         costs = self.costs(torch.cat([warped_costs(planes, left, right) for planes in sets], 1))
-        change = self.body(torch.cat([*(x.to(costs.dtype) for x in sets), costs], 1)).float()
+        change = in_float32(self.body, torch.cat([*sets, costs.float()], 1))
         planes = [old + new for old, new in zip(sets, change.split(PLANE, 1), strict=False)]
         if self.sets == 1:
             return planes[0], []
         first, second = change[:, -2:-1], change[:, -1:]
         return torch.where(first > second, planes[0], planes[1]), [
-            (first, planes[0][:, :1]),
-            (second, planes[1][:, :1]),
+            (first, planes[0][:, :3]),
+            (second, planes[1][:, :3]),
         ]
 
 
@@ -342,7 +213,7 @@ class Refine(nn.Module):
 
     def forward(self, planes: Tensor, left: Tensor) -> Tensor:
         """(B, 16, h, w) hypotheses and (B, F, h, w) features -> (B, 16, h, w)."""
-        return planes + self.body(torch.cat([left, planes.to(left.dtype)], 1)).float()
+        return planes + in_float32(self.body, torch.cat([left.float(), planes], 1))
 
 
 class HitNet(Rival):
@@ -356,11 +227,13 @@ class HitNet(Rival):
         self.config = config
         widths, count = config.widths, int(MAX_DISPARITY)
         self.features = UNet(widths)
+        start_as_he(self.features)
         self.first = nn.ModuleList()
         self.propagation = nn.ModuleList()
         for level in range(LEVELS):  # a tile's own features describe it where there are none of its size
             described = widths[level + 2] if level + 2 < LEVELS else config.compared
             self.first.append(Initialisation(widths[level], described, config.compared, count >> level))
+            start_as_he(self.first[-1])
             self.propagation.append(Propagation(1 if level == LEVELS - 1 else 2, config.propagation))
         dilations = ((1, 3, 1, 1), (1, 3, 1, 1), (1, 1))
         self.refine = nn.ModuleList(
@@ -381,7 +254,7 @@ class HitNet(Rival):
             scale = 2**level
             scored.append(Scored(planes[:, :3], TILE * scale, scale))
             guesses.append(Guess(costs, scale))
-            choices += [Choice(confidence, disparity, scale) for confidence, disparity in pairs]
+            choices += [Choice(confidence, plane, scale) for confidence, plane in pairs]
         assert planes is not None
         for number, refine in enumerate(self.refine):
             side = TILE >> number

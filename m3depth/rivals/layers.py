@@ -1,8 +1,8 @@
-"""Parts of several rivals: the encoders of RAFT (Teed and Deng, ECCV 2020), and features between cells."""
+"""Parts of several rivals: the encoders of RAFT (Teed and Deng, ECCV 2020), features between cells, precision."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import torch
@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from m3depth.network.backbone import group_norm
 
 Normalisation = Literal["instance", "group"]
+MASK_SCALE = 0.25  # factor of the weights of the learned upsampling, before their softmax, as in RAFT
 
 
 def normalisation(kind: Normalisation, channels: int) -> nn.Module:
@@ -88,3 +89,9 @@ def sampled(features: Tensor, place: Tensor) -> Tensor:
     size = torch.tensor([width - 1, height - 1], dtype=place.dtype, device=place.device).clamp(min=1)
     grid = 2 * place.permute(0, 2, 3, 1) / size - 1
     return F.grid_sample(features, grid, align_corners=True)
+
+
+def in_float32(part: Callable[..., Tensor], *maps: Tensor) -> Tensor:
+    """Call a part of a network without autocast: in bfloat16, a disparity of 100 px is rounded to half a pixel."""
+    with torch.autocast(maps[0].device.type, enabled=False):
+        return part(*(x.float() for x in maps))

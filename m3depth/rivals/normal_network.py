@@ -7,7 +7,7 @@ and in evaluation: what the method is worth where depth is measured by another s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -214,9 +214,3 @@ class TrueDepthEstimator:
                 return self.network(left, right, camera, truth)
 
         return infer_pair(run, self.network.reach, False, device, left, right, rig)
-
-
-def in_float32(part: Callable[..., Tensor], *maps: Tensor) -> Tensor:
-    """Call a part of a network without autocast: in bfloat16, a disparity of 100 px is rounded to half a pixel."""
-    with torch.autocast(maps[0].device.type, enabled=False):
-        return part(*(x.float() for x in maps))

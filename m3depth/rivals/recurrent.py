@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from m3depth.network.refinement import ConvexUpsampling, CorrelationLookup
 from m3depth.rivals.config import RaftStereoConfig
-from m3depth.rivals.layers import ResidualBlock, stage, start_as_encoder, trunk
+from m3depth.rivals.layers import MASK_SCALE, ResidualBlock, in_float32, stage, start_as_encoder, trunk
 from m3depth.rivals.output import SequenceOutput, fading_shares
 from m3depth.rivals.rival import SteppedRival
 
@@ -86,7 +86,8 @@ class MotionEncoder(nn.Module):
 
     def forward(self, cells: Tensor, scores: Tensor) -> Tensor:
         """Return (B, outputs, h, w) from a disparity (B, 1, h, w) in cells and scores (B, samples, h, w)."""
-        joined = self.joined(torch.cat([self.scores(scores), self.disparity(cells)], 1))
+        scores, disparity = self.scores(scores), in_float32(self.disparity, cells)
+        joined = self.joined(torch.cat([scores, disparity.to(scores.dtype)], 1))
         return torch.cat([joined, cells.to(joined.dtype)], 1)
 
 
@@ -126,7 +127,7 @@ class RecurrentStereo(SteppedRival):
         )
         start_as_encoder(self.features)
         self.context = ContextEncoder(config.widths, config.hidden)
-        self.upsample = ConvexUpsampling(config.hidden, CELL)
+        self.upsample = ConvexUpsampling(config.hidden, CELL, MASK_SCALE)
 
     def inputs(self, contexts: list[Tensor]) -> tuple[list[Tensor], ...]:
         """Return what every step gets of the contexts, (B, hidden, ...) at 1/4, 1/8 and 1/16; defined by a subclass."""
@@ -137,7 +138,8 @@ class RecurrentStereo(SteppedRival):
         c, call = self.config, self.call
         matched = call(self.features, torch.cat([left, right])).float()  # (2 B, features, H / 4, W / 4)
         match_left, match_right = matched.chunk(2)
-        lookup = CorrelationLookup(match_left, match_right, c.lookup_radius, c.lookup_levels)
+        with torch.autocast(left.device.type, enabled=False):
+            lookup = CorrelationLookup(match_left, match_right, c.lookup_radius, c.lookup_levels)
         states, contexts = call(self.context, left)
         inputs = self.inputs(contexts)
         cells = torch.zeros_like(matched[: len(left), :1])
@@ -145,7 +147,7 @@ class RecurrentStereo(SteppedRival):
         count = c.train_steps if self.training else c.steps
         for step in range(count):
             cells = cells.detach()
-            scores = lookup(cells).to(states[0].dtype)
+            scores = in_float32(lookup, cells).to(states[0].dtype)
             states, cells = call(self.update, states, *inputs, cells, scores)
             if self.training or self.every_step or step + 1 == count:
                 maps.append(call(self.upsample, states[0], CELL * cells))

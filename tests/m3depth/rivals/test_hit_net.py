@@ -4,17 +4,12 @@ import pytest
 import torch
 from small_rivals import TINY
 
+from m3depth.kinds.config import preset_config
 from m3depth.kinds.networks import new_network
-from m3depth.rivals.hit_net import (
-    TILE,
-    Initialisation,
-    guess_loss,
-    robust,
-    spread,
-    subdivided,
-    tile_truth,
-    warped_costs,
-)
+from m3depth.rivals.hit_net import Initialisation, Refine, warped_costs
+from m3depth.rivals.hit_net_loss import Choice, HitNetOutput, Scored, guess_loss, robust, tile_truth
+from m3depth.rivals.hit_net_tiles import TILE, spread, subdivided
+from m3depth.rivals.output import Truth
 
 ACROSS, DOWN = 0.25, -0.5  # slopes of a plane [px / px]
 
@@ -65,8 +60,8 @@ def test_the_first_guess_is_the_disparity_of_equal_features() -> None:
 def test_a_tile_has_its_largest_known_disparity() -> None:
     disparity = torch.full((1, 1, 4, 8), -1.0)
     disparity[..., 1, 2], disparity[..., 3, 3] = 6.0, 10.0
-    true, valid, index = tile_truth(disparity, 4, 2)
-    assert true[0, 0, 0, 0] == 5 and index[0, 0, 0, 0] == 3 * 8 + 3
+    true, valid = tile_truth(disparity, 4, 2)
+    assert true[0, 0, 0, 0] == 5
     assert valid.flatten().tolist() == [True, False]
 
 
@@ -92,3 +87,48 @@ def test_weights_that_are_not_finite_give_maps_that_are_not_finite() -> None:
         next(network.propagation.parameters()).fill_(torch.nan)
         images = torch.rand(2, 1, 3, 32, 64)
         assert network(*images, torch.tensor([[60.0, 60, 32, 16]])).disparity.isnan().all()
+
+
+def plane_output(scale: int, off: float = 0.0) -> tuple[HitNetOutput, Truth]:
+    """Return the true planes of a plane of disparity at 1 / scale, moved by some pixels there, and the truth."""
+    rows, columns, cell = 2, 3, TILE * scale
+    tiles = plane_tiles(rows, columns, cell)  # disparities of the image
+    y, x = torch.arange(float(rows * cell))[:, None], torch.arange(float(columns * cell))
+    disparity = (20 + ACROSS * x + DOWN * y)[None, None]
+    plane = torch.cat([tiles[:, :1] / scale + off, tiles[:, 1:]], 1)
+    confidence = torch.full((1, 1, rows, columns), 0.5)
+    output = HitNetOutput(disparity, [Scored(plane, cell, scale)], [], [Choice(confidence, plane, scale)])
+    return output, Truth(disparity, disparity >= 0, torch.zeros(1, 3, *disparity.shape[2:]))
+
+
+@pytest.mark.parametrize("scale", [1, 4])
+def test_tiles_that_lie_in_the_true_plane_have_no_loss_and_should_be_chosen(scale) -> None:
+    terms = HitNetOutput.terms(*plane_output(scale))
+    assert float(terms["disparity"]) == pytest.approx(0, abs=1e-9)
+    share = 1 - (TILE * scale * 2 - 2) * (TILE * scale * 3 - 2) / (TILE * scale) ** 2 / 6  # of pixels at the border
+    assert float(terms["slant"]) < 0.75 * share  # where the true slopes are too small
+    assert float(terms["choice"]) == pytest.approx(0.5)  # what the confidence lacks to 1
+
+
+def test_tiles_that_lie_off_the_true_plane_have_their_robust_distance_and_should_not_be_chosen() -> None:
+    terms = HitNetOutput.terms(*plane_output(4, off=1.6))
+    assert float(terms["disparity"]) == pytest.approx(float(robust(torch.tensor(1.0))))  # no more than 1 px counts
+    assert float(terms["choice"]) == pytest.approx(0.5) and float(terms["slant"]) == 0
+
+
+def test_features_keep_their_size_at_the_start() -> None:
+    torch.manual_seed(0)
+    features = new_network(preset_config("hit-net")).features(2 * torch.rand(1, 3, 64, 64) - 1)
+    assert all(0.1 < float(x.detach().std()) < 10 for x in features)
+
+
+def test_a_part_of_a_pixel_changes_the_refinement_in_bfloat16() -> None:
+    torch.manual_seed(0)
+    refine, left = Refine(4, 8, (1,)), torch.rand(1, 4, 8, 8)
+    planes = torch.zeros(1, 16, 8, 8)
+    planes[:, 0] = 150
+    moved = planes.clone()
+    moved[:, 0, ::2] += 0.3
+    with torch.autocast("cpu", torch.bfloat16):
+        change = refine(moved, left) - moved - (refine(planes, left) - planes)
+    assert float(change.detach().abs().max()) > 1e-3
