@@ -25,8 +25,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from m3depth.rivals.config import HitNetConfig
-from m3depth.rivals.hit_net_loss import Choice, Guess, HitNetOutput, Scored
-from m3depth.rivals.hit_net_tiles import TILE, spread, subdivided
+from m3depth.rivals.hit_net_loss import TILE, Choice, Guess, HitNetOutput, Scored, spread
 from m3depth.rivals.layers import in_float32
 from m3depth.rivals.rival import Rival
 from m3depth.stereo.pairs import MAX_DISPARITY
@@ -148,6 +147,13 @@ class ResidualPair(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, h, w) -> (B, C, h, w)."""
         return F.leaky_relu(x + self.body(x), SLOPE)
+
+
+def subdivided(planes: Tensor, factor: int, side: float) -> Tensor:
+    """Return hypotheses (B, C, 2 h, 2 w) of half the tiles' side [px of the finer grid], disparities times a factor."""
+    planes = torch.cat([planes[:, :1] * factor, planes[:, 1:]], 1)
+    rest = F.interpolate(planes[:, 1:], scale_factor=2.0, mode="nearest")
+    return torch.cat([spread(planes, 2, side), rest], 1)
 
 
 def warped_costs(planes: Tensor, left: Tensor, right: Tensor) -> Tensor:

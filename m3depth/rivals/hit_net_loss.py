@@ -15,9 +15,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from m3depth.network.geometry import sobel
-from m3depth.rivals.hit_net_tiles import TILE, spread
 from m3depth.rivals.output import Truth, mean_over
 
+TILE = 4  # side of a tile [px of its resolution]
 ALPHA, KNEE = 0.9, 0.1  # of the robust distance (Barron, CVPR 2019): shape, and scale [px]
 FAR = 1.0  # [px] error from which a coarse disparity counts no more, and its slant is not trained
 SMOOTH = 1.0  # [px] difference of the true disparity to a neighbour's from which there is an edge
@@ -107,6 +107,23 @@ class HitNetOutput:
 def enlarged(maps: Tensor, cell: int) -> Tensor:
     """Return maps (B, C, h, w) of tiles at every pixel of the tiles, (B, C, cell h, cell w)."""
     return F.interpolate(maps, scale_factor=float(cell), mode="nearest")
+
+
+def spread(planes: Tensor, parts: int, side: float) -> Tensor:
+    """Return the disparity of each part of a tile, along its slants.
+
+    Args:
+        planes: (B, C, h, w) hypotheses.
+        parts: Parts along the side of a tile.
+        side: Side of a part [px].
+
+    Returns:
+        (B, 1, parts h, parts w).
+    """
+    offset = (torch.arange(parts, device=planes.device) - (parts - 1) / 2) * side
+    across, down = offset.repeat(parts), offset.repeat_interleave(parts)
+    disparity = planes[:, :1] + across[:, None, None] * planes[:, 1:2] + down[:, None, None] * planes[:, 2:3]
+    return F.pixel_shuffle(disparity, parts)
 
 
 def tile_truth(disparity: Tensor, cell: int, scale: int) -> tuple[Tensor, Tensor]:

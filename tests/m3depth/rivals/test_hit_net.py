@@ -6,9 +6,8 @@ from small_rivals import TINY
 
 from m3depth.kinds.config import preset_config
 from m3depth.kinds.networks import new_network
-from m3depth.rivals.hit_net import Initialisation, Refine, warped_costs
-from m3depth.rivals.hit_net_loss import Choice, HitNetOutput, Scored, guess_loss, robust, tile_truth
-from m3depth.rivals.hit_net_tiles import TILE, spread, subdivided
+from m3depth.rivals.hit_net import Initialisation, Refine, subdivided, warped_costs
+from m3depth.rivals.hit_net_loss import TILE, Choice, HitNetOutput, Scored, guess_loss, robust, spread, tile_truth
 from m3depth.rivals.output import Truth
 
 ACROSS, DOWN = 0.25, -0.5  # slopes of a plane [px / px]
