@@ -182,6 +182,8 @@ class NormalConfig(RivalConfig):
         super().__post_init__()
         if bool(self.depth_weights) != bool(self.depth_sha256):
             raise ValueError("depth_weights and depth_sha256 belong together: give both or none")
+        if not self.depth_weights.isprintable():  # errors name it, in one line
+            raise ValueError(f"depth_weights must be printable, got {self.depth_weights!r}")
         if self.true_depth and self.depth_weights:
             raise ValueError(f"depth_weights must be empty where true_depth is given, got {self.depth_weights!r}")
 

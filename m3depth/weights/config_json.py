@@ -33,7 +33,7 @@ def checked_fields(cls: type, data: dict[str, Any]) -> dict[str, Any]:
         size = len(defaults[name]) if isinstance(defaults[name], tuple) else None
         kind = int if size else type(defaults[name])
         parts = value if size and isinstance(value, list | tuple) else [value]
-        sizes = [len(part) if kind is str else part for part in parts if type(part) is kind]
+        sizes = [len(part) if isinstance(part, str) else part for part in parts if type(part) is kind]
         if not len(sizes) == len(parts) == (size or 1) or not all(0 <= n <= LARGEST for n in sizes):
             raise ValueError(f"network config: field {name!r} has the value {value!r}")
         values[name] = tuple(parts) if size else value

@@ -129,7 +129,8 @@ def test_depth_weights_that_cannot_be_used_are_refused(tmp_path) -> None:
         first_network(train_config(tmp_path / "run", preset="fusion", depth_weights=Path("missing")))
     with pytest.raises(ValueError, match=r"the weights of --init name those of their depth$"):
         check_config(train_config(tmp_path / "run", init=rival, depth_weights=weights))
-    for changes in ({"depth_weights": "a"}, {"depth_weights": "a", "depth_sha256": "b", "true_depth": True}):
+    both = {"depth_weights": "a", "depth_sha256": "b"}
+    for changes in ({"depth_weights": "a"}, {**both, "true_depth": True}, {**both, "depth_weights": "a\nb"}):
         with pytest.raises(ValueError, match=r"^depth_weights "):
             replace(TINY["fusion"], **changes)
 
