@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.evaluation.bootstrap import interval, resampled_means
-from m3depth.evaluation.report import number, table
+from m3depth.evaluation.report import marked, number, table
 from marssim.base.command.wording import counted
 
 SGBM = "SGBM"
@@ -104,9 +104,9 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             m3depth.evaluate and of envs.rocks.
 
     Returns:
-        "parts", by size and set: "pairs", "scenes", "depth" and "map" by method, with "places" and "same_scenes" (the
-        ratio of Abs Rel to that of the same views at the smallest size, None there) in "depth". Sizes are named after
-        their width in pixels.
+        "parts", by size and set: "pairs", "scenes", "depth" and "map" by method, with "places", "gets_truth" (whether
+        the true depth was given) and "same_scenes" (the ratio of Abs Rel to that of the same views at the smallest
+        size, None there) in "depth". Sizes are named after their width in pixels.
     """
     groups: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
     for result in results:
@@ -131,6 +131,7 @@ def _joined(group: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]
         records = [pair[label] for _, pair in pairs]
         depth[label] = {name: figure(term, records, scenes, rivals) for name, term in PIXELS.items()}
         depth[label] |= _rock_figures([record["counts"]["rocks"] for record in records], scenes)
+        depth[label]["gets_truth"] = bool(group[0]["depth"]["methods"][label].get("gets_truth"))
         depth[label]["places"] = {
             part["place"]: {
                 name: _quotient(PIXELS[name], [pair[label] for pair in part["depth"]["per_pair"]])
@@ -238,14 +239,15 @@ def markdown(content: Mapping[str, Any]) -> str:
                 f"{counted(part['pairs'], 'pair')} of {counted(part['scenes'], 'scene')}.",
                 "",
             ]
-            lines += _figure_table(PIXELS, part["depth"])
-            same = {label: x["same_scenes"] for label, x in part["depth"].items() if x["same_scenes"] is not None}
+            depth = marked(part["depth"])
+            lines += _figure_table(PIXELS, depth)
+            same = {label: x["same_scenes"] for label, x in depth.items() if x["same_scenes"] is not None}
             if same:
                 ratios = ", ".join(f"{label} {ratio:.3f}" for label, ratio in same.items())
                 lines += ["", f"Abs Rel over that of the same views at the smallest size: {ratios}."]
-            lines += ["", *_place_table(part["depth"])]
-            for kind, where in (("depth", "In the depth"), ("map", "In the navigator's map")):
-                lines += ["", f"{where}:", "", *_figure_table(ROCKS, part[kind]), "", *_bin_table(part[kind])]
+            lines += ["", *_place_table(depth)]
+            for methods, where in ((depth, "In the depth"), (part["map"], "In the navigator's map")):
+                lines += ["", f"{where}:", "", *_figure_table(ROCKS, methods), "", *_bin_table(methods)]
     used = ", ".join(f"{name} {value}" for name, value in content["versions"].items() if value is not None)
     return "\n".join([*lines, "", f"{used}.", ""])
 

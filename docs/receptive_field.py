@@ -7,7 +7,9 @@ The effective receptive field (Luo, Li, Urtasun and Zemel: "Understanding the Ef
 Convolutional Neural Networks", NIPS 2016) is the gradient of the output at the middle with respect to the input: here
 its absolute value with respect to the normalised left image, summed over the colours and averaged over pairs. The
 outputs are the features at 1/4 and at 1/8, summed over their channels, and the disparity. The statistics of image and
-group normalisation are constants: they depend on every pixel a little, and would hide what the convolutions see.
+group normalisation are constants: they depend on every pixel a little, and would hide what the convolutions see. The
+mean of the features over both images, which is subtracted before they are compared, still hands gradient on, so that
+every pixel has a little of the disparity's.
 
 --out gets receptive_field.png and receptive_field.json, which has for each output the radii of the circles that hold
 half and 90 % of the gradient, and the side of a square with as many pixels as have more than 4.55 % of the largest

@@ -4,9 +4,10 @@ python docs/score_manifest.py --data data/manifest --out out/manifest --weights 
 python docs/score_manifest.py --data data/manifest --out out/trial --sizes 512 --sets clean dust --limit 2
 
 Every part, one size, set and place, is a dataset DATA/SIZE/SET/PLACE of marssim.generate. It is scored by
-m3depth.evaluate, into OUT/depth/SIZE/SET/PLACE, and by envs.rocks, into OUT/map/SIZE/SET/PLACE. The same command goes
-on where it was stopped, and leaves out what is scored already by the same code, weights and pairs. OUT/summary.md and
-OUT/summary.json hold the parts that this call asks for; manifest_summary.py defines their figures.
+m3depth.evaluate, into OUT/depth/SIZE/SET/PLACE, and by envs.rocks, into OUT/map/SIZE/SET/PLACE: there without weights
+that need the true depth, which no rover has. The same command goes on where it was stopped, and leaves out what is
+scored already by the same code, weights and pairs. OUT/summary.md and OUT/summary.json hold the parts that this call
+asks for; manifest_summary.py defines their figures.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from manifest_summary import markdown, summary
 
 from envs.rocks import main as count_rocks
 from m3depth.evaluate import main as evaluate
+from m3depth.kinds.networks import load_network
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, weights_file
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
@@ -151,13 +153,17 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
         dataset: Its pairs.
         options: The command's flags.
     """
-    weights = [weights_file(path) for path in options.weights]
+    weights = {"depth": [weights_file(path) for path in options.weights]}
+    weights["map"] = [path for path in weights["depth"] if not load_network(path).takes_truth]
     data = str(dataset.path)
     common = ["--split", "all", *(["--limit", str(options.limit)] if options.limit else [])]
     common += ["--degrade", part.degrade] if part.degrade else []
-    methods = [f"m3depth:{path}" for path in weights]
+    methods = [f"m3depth:{path}" for path in weights["map"]]
     commands = {
-        "depth": (evaluate, ["--weights", *map(str, weights), "--baselines", "sgbm", "sgbm-hh", *part.evaluate]),
+        "depth": (
+            evaluate,
+            ["--weights", *map(str, weights["depth"]), "--baselines", "sgbm", "sgbm-hh", *part.evaluate],
+        ),
         "map": (count_rocks, ["--perception", *methods, "sgbm", "ground_truth"]),
     }
     for kind, (command, flags) in commands.items():
@@ -165,7 +171,7 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
         state = {
             "flags": [*common, *flags],
             "pairs": dataset.digest,
-            "weights": [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights],
+            "weights": [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights[kind]],
             "code": source_digest(CODE[kind]),
         }
         done = out / DONE

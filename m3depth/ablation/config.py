@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from m3depth.ablation.studies import STUDIES, Study
+from m3depth.ablation.studies import STUDIES, Study, without_repeats
 from m3depth.datasets.config import DataConfig
 
 
@@ -42,8 +42,10 @@ class AblateOptions:
     """Budget of each run in optimizer steps, 1 or more, so that every network is trained on the same crops."""
     minutes: float | None = None
     """Budget of each run in minutes of training, above 0, so that cheaper networks make more steps."""
-    preset: Literal["lite", "paper"] = "lite"
-    """Network that the studies change: lite, which ships, or paper, the paper's full size."""
+    preset: Literal["lite", "paper", "paper-thin"] = "lite"
+    """Network that the studies change: lite, which ships; paper, the paper's full size; or paper-thin, the paper's
+    parts at the widths of lite. Rows without a part that the preset lacks are left out.
+    """
     seeds: tuple[int, ...] = (0,)
     """Seeds that every run is repeated with. Tables show means over them; more can be added later in the same --out."""
     limit: int | None = None
@@ -79,4 +81,4 @@ class AblateOptions:
 
     def chosen(self) -> dict[str, Study]:
         """Return the chosen studies, in the order of the paper."""
-        return {name: study for name, study in STUDIES.items() if name in self.studies}
+        return {name: without_repeats(study, self.preset) for name, study in STUDIES.items() if name in self.studies}

@@ -13,6 +13,7 @@ from m3depth.evaluation import bootstrap
 from marssim.base.command.wording import counted
 
 METHOD = "M3Depth"  # name of a run's network in its score
+PROVISIONAL = ", provisional"  # after a verdict of one seed
 # Names of the measures in sentences.
 MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
 
@@ -192,12 +193,13 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
 def _verdict(
     paper: float | None, here: float | None, interval: Sequence[float] | None, by_seed: Sequence[float]
 ) -> str | None:
-    """Return whether the changes in the paper and here agree; None if one of them is not known."""
+    """Return whether the changes in the paper and here agree, provisionally with one seed; None if one is not known."""
     if paper is None or here is None or interval is None:
         return None
     if interval[0] <= 0 <= interval[1] or any((change < 0) != (here < 0) for change in by_seed):
         return "undecided"
-    return "agrees" if (paper < 0) == (here < 0) else "disagrees"
+    verdict = "agrees" if (paper < 0) == (here < 0) else "disagrees"
+    return verdict if len(by_seed) > 1 else verdict + PROVISIONAL
 
 
 def _interval_text(interval: Sequence[float] | None) -> str:

@@ -1,7 +1,8 @@
 """The ablation studies: the networks and losses that are trained, and the paper's figures.
 
 Each study is a table with one row a run: those of the paper, and one of the parts that `lite` has beside the paper's. A
-run is a preset with a few fields changed. A run that several studies share is trained once (`distinct`).
+run is a preset with a few fields changed. A run that several studies share is trained once (`distinct`), and a row that
+equals an earlier one of its study is left out (`without_repeats`), such as that without a part that a preset lacks.
 """
 
 from __future__ import annotations
@@ -211,9 +212,9 @@ def _parts() -> Study:
         Comparison("Correlation lookup", 1, 0),
         Comparison("Match at half the resolution", 2, 0),
         Comparison("Convex upsampling", 3, 0),
-        Comparison("Recurrent steps and lookup, beside the other two", 5, 0),
-        Comparison("Recurrent steps, without the other three", 6, 4),
-        Comparison("Match at half the resolution and convex upsampling, without recurrent steps", 6, 5),
+        Comparison("Recurrent steps, and the lookup in them, beside the other parts", 5, 0),
+        Comparison("Recurrent steps, without the other parts", 6, 4),
+        Comparison("The other parts, without recurrent steps", 6, 5),
     )
     columns = ("abs_rel", "sq_rel", "rmse", "delta1", "normal_mean")
     measures = ("abs_rel", "normal_mean")
@@ -225,6 +226,30 @@ STUDIES: dict[str, Study] = {
 }  # fmt: skip
 
 
+def without_repeats(study: Study, preset: str) -> Study:
+    """Return a study without the rows whose network and loss are those of an earlier row, with a preset.
+
+    Comparisons with such a row are made with the earlier one; those of a row with itself are left out.
+
+    Args:
+        study: The study.
+        preset: "lite", "paper" or "paper-thin".
+    """
+    resolved = [row.variant.resolved(preset) for row in study.rows]
+    kept = list(dict.fromkeys(resolved))
+    place = [kept.index(networks) for networks in resolved]
+    return replace(
+        study,
+        rows=[study.rows[resolved.index(networks)] for networks in kept],
+        reference=place[study.reference],
+        comparisons=[
+            replace(comparison, before=place[comparison.before], after=place[comparison.after])
+            for comparison in study.comparisons
+            if place[comparison.before] != place[comparison.after]
+        ],
+    )
+
+
 def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
     """Return the run that gives the figures of each variant, by the variant's name.
 
@@ -232,7 +257,7 @@ def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
 
     Args:
         studies: The studies, whose rows name the variants.
-        preset: "lite" or "paper".
+        preset: "lite", "paper" or "paper-thin".
     """
     first = {BASE.resolved(preset): BASE}
     rows = (row for study in studies for row in study.rows)

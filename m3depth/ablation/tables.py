@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.ablation.config import budget_text
+from m3depth.ablation.findings import PROVISIONAL
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, depth_range_text, number, table
 from marssim.base.command.wording import counted
 
@@ -28,6 +29,9 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
     pairs = "" if about["limit"] is None else f" (at most {about['limit']} pairs)"
     data = ", ".join(f"`{folder}`" for folder in about["data"])
     seeds = ", ".join(map(str, about["seeds"]))
+    verdicts = [str(part["verdict"]) for study in studies.values() for part in study["comparisons"]]
+    provisional = any(verdict.endswith(PROVISIONAL) for verdict in verdicts)
+    one_seed = len(about["seeds"]) == 1
     lines = [
         "# Ablation",
         "",
@@ -42,7 +46,8 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
         "whose pairs are drawn together. Agrees, disagrees: the interval excludes zero, on the paper's side or on the "
         "other. Undecided: it includes zero, or seeds differ in sign. Rows turned: pairs of rows in the opposite order "
         "of the paper's."
-        + (" With one seed, these intervals do not include chance in training." if len(about["seeds"]) == 1 else ""),
+        + (" Provisional: of one seed." if provisional else "")
+        + (" Intervals of one seed do not include chance in training." if provisional or one_seed else ""),
     ]
     lines += size_warning(studies.values()) + mixture_warning(studies.values())
     lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in studies.values()])]
@@ -95,7 +100,15 @@ def _summary(study: Mapping[str, Any]) -> list[str]:
         return [study["title"], *["-"] * (len(VERDICTS) + 1)]
     verdicts = [part["verdict"] for part in study["comparisons"]]
     turned = ", ".join(f"{part['turned']} of {part['of']}" for part in study["order"])
-    return [study["title"], *(str(verdicts.count(verdict)) for verdict in VERDICTS), turned]
+    return [study["title"], *(_count(verdicts, verdict) for verdict in VERDICTS), turned]
+
+
+def _count(verdicts: Sequence[str | None], verdict: str) -> str:
+    """Return how many comparisons have a verdict, and how many of them of one seed."""
+    firm, provisional = verdicts.count(verdict), verdicts.count(verdict + PROVISIONAL)
+    if not provisional:
+        return str(firm)
+    return f"{firm + provisional}, {provisional} of them provisional" if firm else f"{provisional}{PROVISIONAL}"
 
 
 def _figures(study: Mapping[str, Any], columns: Sequence[str]) -> list[str]:
@@ -131,8 +144,8 @@ def _cost(study: Mapping[str, Any]) -> list[str]:
 
 
 def _average(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
+    valid = [value for value in values if value is not None]
+    return float(np.mean(valid)) if valid else None
 
 
 def _printed(value: float | None) -> str:

@@ -46,8 +46,8 @@ def config_from_dict(data: dict[str, Any]) -> NetworkConfig:
     if kind == M3DepthConfig.KIND:
         return M3DepthConfig.from_dict({k: v for k, v in data.items() if k != "kind"})
     if kind not in CONFIGS:
-        known = ", ".join((M3DepthConfig.KIND, *CONFIGS))
-        raise ValueError(f"network config: kind {kind!r} is not one of {known}")
+        kinds = ", ".join((M3DepthConfig.KIND, *CONFIGS))
+        raise ValueError(f"network config: kind {kind!r} is not one of {kinds}")
     return CONFIGS[kind].from_dict({k: v for k, v in data.items() if k != "kind"})
 
 

@@ -5,7 +5,7 @@ This file loads no torch, so that the commands print their help at once.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar, Self
 
 from m3depth.weights.config_json import checked_fields
@@ -22,10 +22,10 @@ class RivalConfig:
     KIND: ClassVar[str]  # name of the method in weights files, and of its preset for a CPU
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, bool) and min(value if isinstance(value, tuple) else (value,)) < 1:
-                raise ValueError(f"{field.name} must be at least 1, got {value}")
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not isinstance(value, bool | str) and min(value if isinstance(value, tuple) else (value,)) < 1:
+                raise ValueError(f"{entry.name} must be at least 1, got {value}")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form: the kind of the network, and its sizes."""
@@ -170,6 +170,19 @@ class NormalConfig(RivalConfig):
 
     true_depth: bool = False
     """Whether the true depth is given, not that of M3Depth."""
+    depth_weights: str = field(default="", kw_only=True)
+    """Path of the weights of M3Depth that give the depth; empty: those of the package."""
+    depth_sha256: str = field(default="", kw_only=True)
+    """SHA-256 of that file, in hexadecimal digits."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if bool(self.depth_weights) != bool(self.depth_sha256):
+            raise ValueError("depth_weights and depth_sha256 belong together: give both or none")
+        if not self.depth_weights.isprintable():  # errors name it, in one line
+            raise ValueError(f"depth_weights must be printable, got {self.depth_weights!r}")
+        if self.true_depth and self.depth_weights:
+            raise ValueError(f"depth_weights must be empty where true_depth is given, got {self.depth_weights!r}")
 
 
 @dataclass(frozen=True)

@@ -123,11 +123,11 @@ def planes_of_depth(inputs: NormalInput, normal: Tensor, side: int) -> Tensor:
         z = inputs.disparity / moved[:, :1].clamp(min=MIN_DISPARITY)
         first = weight * z
         second = first * z
-        for place, (of, factor) in enumerate(
+        for place, (weighted, factor) in enumerate(
             [(second, x * x), (second, x * y), (second, x), (second, y * y), (second, y), (second, 1),
              (first, x), (first, y), (first, 1)]
         ):  # fmt: skip
-            moments[place].add_(of, alpha=factor)
+            moments[place].add_(weighted, alpha=factor)
     xx, xy, x1, yy, y1, one, right_x, right_y, right_1 = moments
     xx_, xy_, x1_ = yy * one - y1 * y1, x1 * y1 - xy * one, xy * y1 - x1 * yy  # the adjugate, which is symmetric
     yy_, y1_, one_ = xx * one - x1 * x1, xy * x1 - xx * y1, xx * yy - xy * xy

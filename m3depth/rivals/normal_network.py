@@ -1,15 +1,18 @@
 """What the methods for normals share: they see the left image and a depth map, and give the depth its normals.
 
-The depth is that of M3Depth with the shipped weights, which stay as they are; a weights file of such a method does not
-hold them. Confidence and sky are M3Depth's too. A config with `true_depth` takes the true depth instead, in training
-and in evaluation: what the method is worth where depth is measured by another sensor.
+The depth is that of M3Depth with the shipped weights, or those of `--depth-weights`, which stay as they are. A weights
+file of such a method does not hold them, but names their file and its SHA-256. Confidence and sky are M3Depth's too. A
+config with `true_depth` takes the true depth instead, in training and in evaluation: what the method is worth where
+depth is measured by another sensor.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -25,7 +28,9 @@ from m3depth.rivals.config import NormalConfig
 from m3depth.rivals.output import Truth, mean_over
 from m3depth.rivals.rival import Rival
 from m3depth.stereo.prediction import Prediction
+from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import StereoRig
+from marssim.base.command.input_file import check_file
 
 
 class TrainedNormals(NamedTuple):
@@ -122,6 +127,41 @@ class NormalInput(NamedTuple):
         return (self.camera[:, :1, None, None] / self.disparity).log()
 
 
+def with_depth_weights(config: NormalConfig, path: Path) -> NormalConfig:
+    """Return the sizes of a method whose depth is that of M3Depth with other weights than the shipped ones.
+
+    Args:
+        config: The sizes.
+        path: The weights, a .safetensors file. The config holds the path as it is given, and the file's SHA-256.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file holds no weights of M3Depth, or the method gets the true depth.
+    """
+    M3Depth.from_pretrained(path)
+    return replace(config, depth_weights=str(path), depth_sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def depth_file(config: NormalConfig) -> Path:
+    """Return the weights of M3Depth that give a method its depth.
+
+    Raises:
+        FileNotFoundError: The file that the config names is missing. One line that names it, as for the other error.
+        ValueError: It is another file than in training.
+    """
+    if not config.depth_weights:
+        return SHIPPED_WEIGHTS
+    path = Path(config.depth_weights)
+    check_file(path, "weights file", f"{config.KIND} got its depth from it in training")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if digest != config.depth_sha256:
+        raise ValueError(
+            f"{path}: is another file than the one from which {config.KIND} got its depth in training (SHA-256 "
+            f"{digest[:12]}..., not {config.depth_sha256[:12]}...)"
+        )
+    return path
+
+
 class NormalNetwork(Rival):
     """A method for normals. A subclass defines `normals`."""
 
@@ -131,6 +171,21 @@ class NormalNetwork(Rival):
         super().__init__()
         self.config = config
         self._frozen: list[M3Depth] = []  # in a list, it is no part of the weights
+
+    @classmethod
+    def restored(cls, config: NormalConfig, tensors: dict[str, Tensor], source: Path) -> Self:
+        """Return a trained method, in evaluation mode; arguments as of StereoNetwork.restored.
+
+        Raises:
+            FileNotFoundError: The weights that give the depth are missing.
+            ValueError: They are another file than in training, or the method's own weights do not fit its sizes.
+        """
+        network = super().restored(config, tensors, source)
+        try:
+            depth_file(config)
+        except (FileNotFoundError, IsADirectoryError, ValueError) as error:
+            raise type(error)(f"{source}: {error}") from None
+        return network
 
     @property
     def takes_truth(self) -> bool:
@@ -179,9 +234,9 @@ class NormalNetwork(Rival):
         return replace(output, disparity=disparity, normal=facing, confidence=confidence, sky=sky)
 
     def _m3depth(self, device: torch.device) -> M3Depth:
-        """Return the shipped network, loaded once."""
+        """Return the network that gives the depth, loaded once."""
         if not self._frozen:
-            self._frozen.append(M3Depth.from_pretrained().requires_grad_(False))
+            self._frozen.append(M3Depth.from_pretrained(depth_file(self.config)).requires_grad_(False))
         return self._frozen[0].to(device)
 
     def with_truth(self, disparity: np.ndarray) -> NormalNetwork | TrueDepthEstimator:

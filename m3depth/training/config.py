@@ -66,6 +66,10 @@ class TrainConfig:
     """Weights to start from: a .safetensors file, or the word shipped for those of the package.
     Their network replaces --preset and --network.
     """
+    depth_weights: Path | None = None
+    """Weights of M3Depth that give the depth to --preset fusion and geo-net, a .safetensors file; without it, those of
+    the package. The run's weights name the path as given and the file's SHA-256, and need it wherever they are used.
+    """
     batch: int = 4
     """Crops in a step, 1 to 4096; under torchrun, of each process."""
     accumulate: int = 1
@@ -86,7 +90,7 @@ class TrainConfig:
     """Course of the learning rate: cycle rises to --lr and falls to a hundredth of it, constant stays at --lr."""
     initial: Literal["own", "normal"] = "own"
     """Weights of a new network: own are those of its parts; normal draws all of them from normal distributions whose
-    variance is 2 over the number of inputs (He et al.), with biases of 0.
+    variance is 2 over the number of inputs (He et al.), with biases of 0, also those that start small for a purpose.
     """
     weight_decay: float = 1e-4
     """Weight decay of the optimizer, AdamW, 0 to 10; without, it is Adam."""
@@ -160,6 +164,8 @@ def check_config(config: TrainConfig) -> None:
     """Raise ValueError that names the flag of a setting that cannot work."""
     if not config.data:
         raise ValueError("--data: name at least one dataset folder")
+    if config.init and config.depth_weights:
+        raise ValueError(f"--depth-weights {config.depth_weights}: the weights of --init name those of their depth")
     if config.max_minutes is None and config.max_steps is None and config.epochs is None:
         raise ValueError("give --max-minutes, --max-steps or --epochs")
     for name, (low, high) in LIMITS.items():

@@ -106,13 +106,17 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
 def depth_loss(disparity: Tensor, target: Target, weight: Tensor) -> Tensor:
     """Return L_d of the paper on one grid: the Huber norm, its knee at 1, of depth over FARTHEST_SCORED.
 
+    Below a disparity of 1 px, depth is the tangent there, so that it has a gradient.
+
     Args:
         disparity, weight: (B, 1, h, w), the disparity in pixels of the full image.
         target: On the same grid.
     """
     least = (target.camera[:, 0] * target.baseline / FARTHEST_SCORED)[:, None, None, None]  # [px] at that depth
     true = least / target.disparity.clamp(min=MIN_DISPARITY)
-    error = least / disparity.clamp(min=1.0) - true  # nearer to 0 px, a step would change depth beyond all measure
+    # Below 1 px, a step would change depth beyond all measure: it goes on from there as a line, which has a gradient.
+    held = disparity.clamp(min=1.0)
+    error = least * (1 / held + held - disparity) - true
     return weighted_mean(huber(error, 1.0), weight * (target.label & (true <= 1)))
 
 
@@ -162,8 +166,9 @@ def total_loss(
 def own_loss(output: TrainedOutput, target: Target) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the loss that a method brings with it, and its terms, detached, by name.
 
-    It sees what the published trainings see: pixels of known disparity, all of one weight. The sky has disparity 0, as
-    in the synthetic data that these methods were published on.
+    It sees what the published trainings see: pixels of known disparity, all of one weight. That the sky is trained with
+    disparity 0 is our choice, since these methods have no output for the sky; LightStereo and TinyHITNet, for example,
+    leave pixels of disparity 0 out of their loss.
 
     Args:
         output: Of the network.

@@ -17,6 +17,8 @@ from m3depth.kinds.config import config_from_dict, preset_config, read_config
 from m3depth.kinds.networks import draw_normal, load_network, new_network
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
+from m3depth.rivals.config import NormalConfig
+from m3depth.rivals.normal_network import with_depth_weights
 from m3depth.training.config import PAPER_LOSS, TrainConfig
 from m3depth.training.loss_config import LossConfig
 from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, named_by, weights_file
@@ -40,8 +42,8 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     gone by now, and the checkpoint replaces the weights.
 
     Raises:
-        FileNotFoundError: The file of --init or --network is missing.
-        ValueError: That file cannot be used; the message names it.
+        FileNotFoundError: The file of --init, --network or --depth-weights is missing.
+        ValueError: That file cannot be used; the message names it. Or the network takes no depth of M3Depth.
     """
     previous = config.out / CHECKPOINT
     if config.init and previous.is_file():
@@ -50,7 +52,13 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     if config.init:
         with named_by("--init"):
             return load_network(weights_file(config.init))
-    network = new_network(read_config(config.network) if config.network else preset_config(config.preset))
+    sizes = read_config(config.network) if config.network else preset_config(config.preset)
+    if config.depth_weights:
+        if not isinstance(sizes, NormalConfig) or sizes.true_depth:
+            raise ValueError(f"--depth-weights {config.depth_weights}: this network takes no depth from M3Depth")
+        with named_by("--depth-weights"):
+            sizes = with_depth_weights(sizes, config.depth_weights)
+    network = new_network(sizes)
     if config.initial == "normal":
         draw_normal(network)
     return network

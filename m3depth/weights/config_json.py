@@ -1,4 +1,4 @@
-"""The config of a network in a weights file: the kind of network, and numbers, switches and tuples of numbers by name.
+"""The config of a network in a weights file: its kind, and numbers, switches, texts and tuples of numbers by name.
 
 Importing this module loads no torch.
 """
@@ -12,14 +12,14 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
-LARGEST = 4096  # that a size of a network may be
+LARGEST = 4096  # that a size of a network, or the length of a text, may be
 
 
 def checked_fields(cls: type, data: dict[str, Any]) -> dict[str, Any]:
     """Return the values of a dataclass's fields that a JSON object gives, lists as tuples.
 
     Args:
-        cls: The dataclass, each of whose fields has a default: an int, a bool or a tuple of ints.
+        cls: The dataclass, each of whose fields has a default: an int, a bool, a text or a tuple of ints.
         data: The object; fields may be missing.
 
     Raises:
@@ -30,12 +30,13 @@ def checked_fields(cls: type, data: dict[str, Any]) -> dict[str, Any]:
     for name, value in data.items():
         if name not in defaults:
             raise ValueError(f"network config: unknown field {name!r}")
-        kind = bool if isinstance(defaults[name], bool) else int
         size = len(defaults[name]) if isinstance(defaults[name], tuple) else None
-        numbers = value if size and isinstance(value, list | tuple) else [value]
-        if len(numbers) != (size or 1) or not all(type(n) is kind and 0 <= n <= LARGEST for n in numbers):
+        kind = int if size else type(defaults[name])
+        parts = value if size and isinstance(value, list | tuple) else [value]
+        sizes = [len(part) if isinstance(part, str) else part for part in parts if type(part) is kind]
+        if not len(sizes) == len(parts) == (size or 1) or not all(0 <= n <= LARGEST for n in sizes):
             raise ValueError(f"network config: field {name!r} has the value {value!r}")
-        values[name] = tuple(numbers) if size else value
+        values[name] = tuple(parts) if size else value
     return values
 
 

@@ -1,22 +1,29 @@
 """The page that compares trained networks, from scores and runs that are known."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import pytest
 from small_network import SMALL
+from small_rivals import TINY
 
 from m3depth.evaluation.cost import Cost
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
+from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
+from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
 
 EDGES = range(16)
 
 
-def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str) -> dict:
-    """results.json of a place with one pair, whose methods have an error of an image and one in the depth 2 to 3 m."""
+def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str, given: str = "") -> dict:
+    """results.json of a place with one pair, whose methods have an error of an image and one in the depth 2 to 3 m.
+
+    The method `given` got the true depth.
+    """
     columns = [*DEPTH_COLUMNS, *(f"normal_{name}" for name in NORMAL_COLUMNS)]
     return {
         "per_pair": [
@@ -28,7 +35,8 @@ def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str) -> 
                     {"from_m": near, "to_m": near + 1, "pixels": pixels if near == 2 else 0,
                      "pooled": dict.fromkeys(("mae", "rmse", "abs_rel", "bad1"), error) if near == 2 else {}}
                     for near in EDGES[:-1]
-                ]
+                ],
+                "gets_truth": label == given,
             }
             for label, (_, error) in methods.items()
         },
@@ -71,13 +79,20 @@ def folders(tmp_path) -> tuple[Path, Path]:
     return tmp_path / "scores", run
 
 
+@pytest.fixture
+def measured(compare_methods, monkeypatch) -> None:
+    """Costs are those of one prediction of a small pair, in this process, which has torch already."""
+    monkeypatch.setattr(compare_methods, "cost", compare_methods._cost)
+    monkeypatch.setattr(compare_methods, "measured", lambda call, *args: (call(*args), Cost(1.0, 300.0, None)))
+    monkeypatch.setattr(compare_methods, "REPEATS", 1)
+    monkeypatch.setattr(compare_methods, "NATECAM", NATECAM.resized(64, 64))
+
+
 def flags(scores: Path, out: Path, *runs: Path) -> list[str]:
     return ["--scores", str(scores), "--out", str(out), "--runs", *map(str, runs)]
 
 
-def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, monkeypatch):
-    monkeypatch.setattr(compare_methods, "cost", compare_methods._cost)  # in this process, which has torch already
-    monkeypatch.setattr(compare_methods, "measured", lambda call, *args: (call(*args), Cost(1.0, 300.0, None)))
+def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp_path):
     scores, run = folders
     out = tmp_path / "out"
     assert compare_methods.main(flags(scores, out, run)) == 0
@@ -91,6 +106,9 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
     assert (clean["pairs"], clean["scenes"]) == (2, 2)
     assert clean["metrics"]["mine"]["abs_rel"]["value"] == pytest.approx(0.03)
     assert clean["metrics"]["mine"]["normal_median"]["interval"] == pytest.approx([0.02, 0.04])
+    assert clean["metrics"]["SGBM"]["epe"]["ratio"] == pytest.approx(0.08 / 0.03)  # mine is the reference
+    assert clean["metrics"]["SGBM"]["epe"]["ratio_interval"] == pytest.approx([2, 4])
+    assert "ratio" not in clean["metrics"]["mine"]["rmse"]
     third = clean["intervals"]["mine"]["intervals"][2]
     assert third["pixels"] == 400 and third["pooled"]["mae"] == pytest.approx((0.1 + 3 * 0.3) / 4)
     assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)
@@ -100,8 +118,53 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
     assert "| mine | 3 | 0123456789ab, ba9876543210 | `python -m m3depth.train --again` |" in page
     assert page.index("| mine | 0.0300 (0.0200 to 0.0400)") < page.index("| SGBM | 0.0800")
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page
+    assert "Errors over those of mine on the same pairs" in page
+    assert (
+        "| SGBM | " + " | ".join(["2.667 (2.000 to 4.000)"] * 3) + " |" in page and page.count("| mine | 0.0300 (") == 2
+    )
     for picture in ("curves.png", "error_by_depth_clean.png"):
         assert cv2.imread(str(out / picture)).std() > 5
+
+
+def test_the_reference_of_the_ratios_is_any_scored_method(compare_methods, folders, measured, tmp_path):
+    scores, run = folders
+    out = tmp_path / "out"
+    assert compare_methods.main([*flags(scores, out, run), "--reference", "SGBM"]) == 0
+    mine = read_json(out / "methods.json")["sets"]["clean"]["metrics"]["mine"]["abs_rel"]
+    assert mine["ratio"] == pytest.approx(3 / 8) and mine["ratio_interval"] == pytest.approx([0.25, 0.5])
+    assert "Errors over those of SGBM on the same pairs" in (out / "methods.md").read_text()
+
+
+def test_a_method_that_gets_the_true_depth_is_timed_with_it_marked_and_comes_last(
+    compare_methods, folders, measured, tmp_path
+):
+    scores, run = folders
+    sizes = {"given": replace(TINY["fusion"], true_depth=True), "fusion": TINY["fusion"]}
+    for name, config in sizes.items():
+        folder = run.with_name(name)
+        folder.mkdir()
+        new_network(config).save_pretrained(folder / "weights.safetensors")
+        (folder / "log.jsonl").write_text(
+            (run / "log.jsonl").read_text().replace('"epe": 8.0', '"epe": 0, "normal": 9')
+        )
+    for place in ("gale", "utopia"):
+        file = scores / "depth/512/clean" / place / "results.json"
+        methods = {"mine": (0.02, 0.1), "fusion": (0.03, 0.1), "given": (0.0, 0.0), "SGBM": (0.08, 0.5)}
+        file.write_text(json.dumps(result(methods, 100, "00000", "given")))
+    out = tmp_path / "out"
+    assert compare_methods.main(flags(scores, out, run, *(run.with_name(name) for name in sizes))) == 0
+    content = read_json(out / "methods.json")
+    assert [content["runs"][name]["on_m3depth"] for name in ("mine", "given", "fusion")] == [False, False, True]
+    page = (out / "methods.md").read_text()
+    millions = f"{content['runs']['fusion']['parameters'] / 1e6:.2f} M"
+    assert f"| fusion | {millions} + M3Depth | 1.00 |" in page
+    assert f"| given, given the true depth | {millions} | 1.00 |" in page
+    assert "| depth | mine | fusion | SGBM | given, given the true depth |" in page
+    order = [page.index(f"| {name} | 0.{digits}") for name, digits in (
+        ("mine", "0200"), ("fusion", "0300"), ("SGBM", "0800"), ("given, given the true depth", "0000"))]  # fmt: skip
+    assert order == sorted(order)
+    one, two = (cv2.imread(str(path)) for path in (out / "curves.png", out / "error_by_depth_clean.png"))
+    assert one.shape[1] == 2 * 7 * 120 and two.std() > 5  # a panel of the normals beside that of the disparity
 
 
 @pytest.mark.parametrize(
@@ -112,6 +175,7 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, tmp_path, mon
         ("not scored", "has no scores of other in clean"),
         ("no run", "has no log.jsonl of m3depth.train"),
         ("no step", "its log.jsonl has no step"),
+        ("no reference", "--reference theirs: clean has scores of SGBM, mine alone"),
         ("twice", "--runs must name one folder or more, each with a name of its own"),
     ],
 )
@@ -131,7 +195,8 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
         (run / "log.jsonl").write_text("")
     elif case == "twice":
         runs = [run, tmp_path / "mine"]
-    assert compare_methods.main(flags(scores, tmp_path / "out", *runs)) == 2
+    reference = ["--reference", "theirs"] if case == "no reference" else []
+    assert compare_methods.main([*flags(scores, tmp_path / "out", *runs), *reference]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1 and message in error
     assert not (tmp_path / "out").exists()

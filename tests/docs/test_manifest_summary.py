@@ -16,7 +16,9 @@ def record(abs_rel: float, rocks=(), edges=(), false=(), **sky) -> dict:
     }  # fmt: skip
 
 
-def result(size: str, pairs: dict[str, tuple[dict, dict]], place: str = "gale", name: str = "clean") -> dict:
+def result(
+    size: str, pairs: dict[str, tuple[dict, dict]], place: str = "gale", name: str = "clean", gets_truth: bool = False
+) -> dict:
     """A part whose pairs have records of M3Depth and SGBM, by name."""
     depth = [
         {"pair": pair, "scene": pair[:5], "M3Depth": ours, "SGBM": theirs} for pair, (ours, theirs) in pairs.items()
@@ -29,8 +31,10 @@ def result(size: str, pairs: dict[str, tuple[dict, dict]], place: str = "gale", 
         for pair, (ours, theirs) in pairs.items()
     ]  # fmt: skip
     estimators = {"M3Depth": {"name": "m3depth:w"}, "SGBM": {"name": "sgbm"}}
+    methods = {"M3Depth": {"gets_truth": gets_truth}, "SGBM": {"gets_truth": False}}
     return {
-        "size": size, "set": name, "place": place, "depth": {"estimators": estimators, "per_pair": depth},
+        "size": size, "set": name, "place": place,
+        "depth": {"estimators": estimators, "methods": methods, "per_pair": depth},
         "map": {"methods": {"m3depth:w": {}, "sgbm": {}, "ground_truth": {}}, "per_pair": shown},
     }  # fmt: skip
 
@@ -98,3 +102,11 @@ def test_the_tables_show_every_figure_and_say_that_a_trial_is_one(manifest_summa
     assert "| rocks, 0.2 to 0.3 m, 4 to 8 m away | 2 of 2 | 0 of 0 |" in text
     assert "at the smallest size: M3Depth 1.000, SGBM 1.000." in text
     assert "**A trial: at most 2 pairs of each place.**" in text and text.endswith("torch 2.\n")
+
+
+def test_a_method_that_gets_the_true_depth_is_marked(manifest_summary):
+    pairs = {"00000/00": (record(0.0), record(0.04))}
+    for given, title in ((True, "M3Depth, given the true depth"), (False, "M3Depth")):
+        content = manifest_summary.summary([result("512", pairs, gets_truth=given)])
+        text = manifest_summary.markdown({"limit": None, "versions": {}, **content})
+        assert f"|  | {title} | SGBM |" in text

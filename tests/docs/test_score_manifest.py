@@ -2,12 +2,16 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 from small_network import SMALL
+from small_rivals import TINY as TINY_RIVALS
 
+from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
 from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
@@ -96,6 +100,22 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
     monkeypatch.setattr(score_manifest, "evaluate", lambda flags: done.append(flags) or 130)
     assert score_manifest.main([*arguments, "--limit", "1"]) == 130 and len(done) == 1
     capsys.readouterr()
+
+
+def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manifest, tmp_path, monkeypatch):
+    paths = {name: tmp_path / f"{name}.safetensors" for name in ("mine", "given")}
+    M3Depth(SMALL).save_pretrained(paths["mine"])
+    new_network(replace(TINY_RIVALS["fusion"], true_depth=True)).save_pretrained(paths["given"])
+    calls = {}
+    monkeypatch.setattr(score_manifest, "evaluate", lambda flags: calls.update(depth=flags) or 0)
+    monkeypatch.setattr(score_manifest, "count_rocks", lambda flags: calls.update(map=flags) or 0)
+    options = score_manifest.Options(tmp_path, tmp_path / "out", tuple(paths.values()))
+    part = score_manifest.Part("64", "clean", "utopia", "clean", 2, (), (), None)
+    for kind in ("depth", "map"):
+        part.scores(options.out, kind).mkdir(parents=True)
+    score_manifest.score(part, SimpleNamespace(path=tmp_path, digest="0"), options)
+    assert [str(path) in calls["depth"] for path in paths.values()] == [True, True]
+    assert [f"m3depth:{path}" in calls["map"] for path in paths.values()] == [True, False]
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def simmars(tmp_path_factory) -> Path:
 
 def commands() -> list[list[str]]:
     """The words of each command of the guide."""
-    text = GUIDE.read_text(encoding="utf-8")
+    text = GUIDE.read_text(encoding="utf-8").replace("\\\n", " ")
     files = re.search(r"FILES stands for `([^`]*)`", text)
     assert files is not None
     lines = re.findall(r"^    (python -m m3depth\..*)$", text, re.MULTILINE)

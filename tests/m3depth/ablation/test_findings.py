@@ -21,6 +21,16 @@ def test_verdicts_follow_the_sign_and_the_interval() -> None:
     assert "the same sign with 2 of 2 seeds" in first["sentence"] and first["sentence"].endswith("**agrees**.")
 
 
+def test_verdicts_of_one_seed_are_provisional() -> None:
+    scores = levels([1.0, 0.9, 0.8, 0.8004], noise=0.01)
+    for by_seed in scores.values():
+        del by_seed[1]
+    report = findings(STUDIES["levels"], scores)
+    verdicts = [part["verdict"] for part in report["comparisons"]]
+    assert verdicts == ["agrees, provisional", "disagrees, provisional", "undecided"]
+    assert report["comparisons"][0]["sentence"].endswith("**agrees, provisional**.")
+
+
 def test_seeds_that_differ_in_sign_decide_nothing() -> None:
     scores = levels([1.0, 0.5, 0.5, 0.5])
     for record in scores["levels-3"][1]["per_pair"]:

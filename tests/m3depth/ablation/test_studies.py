@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import pytest
+import torch
 
-from m3depth.ablation.studies import BASE, STUDIES, distinct
+from m3depth.ablation.studies import BASE, STUDIES, distinct, without_repeats
 from m3depth.network.config import PLAIN_UPSAMPLING, PRESETS
+from m3depth.network.model import M3Depth
 from m3depth.training.loss_config import LossConfig
 
 
@@ -45,6 +47,26 @@ def test_a_study_changes_only_its_own_fields(preset: str) -> None:
     assert [(c.disparity, c.normal, c.consistency) for c in losses] == [
         (2, 1, 3), (2, 1, 0), (1, 2, 3), (3, 2, 1), (1, 3, 2), (2, 0, 0),
     ]  # fmt: skip
+
+
+def test_rows_without_a_part_that_the_preset_lacks_are_left_out() -> None:
+    parts = without_repeats(STUDIES["parts"], "paper-thin")
+    assert [row.label for row in parts.rows] == [
+        "all parts", "no convex upsampling", "no recurrent steps, so no lookup", "none of the four",
+    ]  # fmt: skip
+    assert [(c.before, c.after) for c in parts.comparisons] == [(1, 0), (2, 0), (3, 1), (3, 2)]
+    assert parts.reference == 0 and len(distinct([parts], "paper-thin")) == 4
+    for study in STUDIES.values():
+        same = without_repeats(study, "lite")
+        assert [*same.rows] == [*study.rows] and [*same.comparisons] == [*study.comparisons]
+
+
+def test_the_networks_of_paper_thin_run() -> None:
+    left, right, camera = torch.rand(1, 3, 64, 64), torch.rand(1, 3, 64, 64), torch.tensor([[60.0, 60.0, 31.5, 31.5]])
+    for study, row in (("components", 0), ("components", 2), ("iterations", 0)):
+        network = M3Depth(STUDIES[study].rows[row].variant.resolved("paper-thin")[0]).eval()
+        with torch.inference_mode():
+            assert network(left, right, camera).disparity.shape == (1, 1, 64, 64)
 
 
 def test_the_papers_changes_are_those_of_its_text() -> None:

@@ -62,9 +62,23 @@ def test_the_report_has_the_papers_figures_beside_ours() -> None:
     row = next(line for line in text.splitlines() if line.startswith("| 3 | 0.084 |"))
     assert row == f"| 3 | 0.084 | {here} | 0.059 | {here} | 0.308 | {here} | 0.912 | {here} |"
     assert "| 3 | 1.50 | 100 | 2.000 | 0.5000 |" in text
-    assert "| Levels of the wavelet transform | 1 | 1 | 1 |" in text
+    assert "| Levels of the wavelet transform | 1 | 1 | 1 |" in text and "Provisional" not in text
     assert "every pixel of true depth 0.5 to 15 m." in text and "test pairs:" not in text
-    assert "![levels](levels.png)" in text and "With one seed" not in text
+    assert "![levels](levels.png)" in text and "of one seed" not in text
+
+
+def test_verdicts_of_one_seed_are_counted_as_provisional() -> None:
+    scores = levels([1.0, 0.9, 0.8, 0.8004], noise=0.01)
+    for by_seed in scores.values():
+        del by_seed[1]
+    text = markdown({**ABOUT, "seeds": [0]}, {"levels": findings(STUDIES["levels"], scores)})
+    assert "| Levels of the wavelet transform | 1, provisional | 1, provisional | 1 |" in text
+    assert "Provisional: of one seed. Intervals of one seed do not include chance in training." in text
+    del scores["levels-5"]  # a row with both seeds beside those with one
+    scores["levels-5"] = levels([1.0, 0.9, 0.8, 1.0])["levels-5"]
+    scores["levels-4"] = levels([1.0, 0.9, 0.8, 1.0])["levels-4"]
+    text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
+    assert "| Levels of the wavelet transform | 2, 1 of them provisional | 1, provisional | 0 |" in text
 
 
 @pytest.mark.parametrize(
@@ -100,6 +114,6 @@ def test_a_study_that_the_paper_lacks_shows_our_figures_alone(tmp_path) -> None:
     assert "| Parts beside the recurrent steps | - | - | - | - |" in text
     assert "| no convex upsampling | 0.8000 | 0.8000 | 0.8000 | 0.8000 |\n" in text
     assert "- Convex upsampling. Here Abs Rel falls by 37.5 % (95 % interval -37.5 to -37.5 %)." in text
-    assert "- Recurrent steps and lookup, beside the other two. Here it is not measured yet." in text
+    assert "- Recurrent steps, and the lookup in them, beside the other parts. Here it is not measured yet." in text
     study_figure(report, path := tmp_path / "parts.png")
     assert path.stat().st_size > 10_000

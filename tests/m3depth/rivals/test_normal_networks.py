@@ -2,23 +2,28 @@
 
 import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from small_network import SMALL
 from small_rivals import TINY, train_config
 
 from m3depth.estimator import for_pair
 from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.scoring import evaluate
-from m3depth.kinds.networks import new_network
+from m3depth.kinds.networks import load_network, new_network
 from m3depth.network.geometry import normals_from_disparity, pixel_rays, unit
 from m3depth.network.model import M3Depth
 from m3depth.rivals.geo_net import disparity_of_planes, planes_of_depth
 from m3depth.rivals.normal_network import NormalInput, NormalOutput, TrainedNormals, normal_error
 from m3depth.rivals.output import Truth
+from m3depth.training.config import check_config
 from m3depth.training.loop import train
+from m3depth.training.run import first_network
 
 CAMERA = torch.tensor([[60.0, 55.0, 15.3, 12.1]])
 SIZE = (24, 32)
@@ -86,6 +91,48 @@ def test_the_depth_is_that_of_m3depth_and_no_part_of_the_weights(plane_samples) 
     np.testing.assert_array_equal(prediction.confidence, shipped.confidence)
     assert not np.allclose(prediction.normal, shipped.normal, equal_nan=True)
     assert set(network.state_dict()) == names and len(list(network.parameters())) == len(names)
+
+
+def test_the_depth_is_that_of_the_weights_that_training_was_given(plane_samples, tmp_path) -> None:
+    weights = tmp_path / "depth.safetensors"
+    network = M3Depth(SMALL).eval()
+    network.save_pretrained(weights)
+    sizes = tmp_path / "sizes.json"
+    sizes.write_text(json.dumps(TINY["fusion"].to_dict()))
+    config = train_config(tmp_path / "run", network=sizes, depth_weights=weights)
+    train(config, plane_samples, plane_samples[:1])
+    trained = tmp_path / "run" / "weights.safetensors"
+    sample = plane_samples[0]
+    given = load_network(trained).infer(sample.left, sample.right, sample.rig)
+    np.testing.assert_array_equal(given.depth, network.infer(sample.left, sample.right, sample.rig).depth)
+
+    M3Depth(SMALL).save_pretrained(weights)
+    with pytest.raises(ValueError, match=rf"^{trained}: {weights}: is another file than the one from which fusion got"):
+        load_network(trained)
+    weights.unlink()
+    with pytest.raises(FileNotFoundError, match=rf"^{trained}: {weights}: no such weights file; fusion got its depth"):
+        load_network(trained)
+
+
+def test_depth_weights_that_cannot_be_used_are_refused(tmp_path) -> None:
+    weights, rival = tmp_path / "depth.safetensors", tmp_path / "rival.safetensors"
+    M3Depth(SMALL).save_pretrained(weights)
+    new_network(TINY["fusion"]).save_pretrained(rival)
+    for preset, path, message in (
+        ("raft-stereo", weights, f"--depth-weights {weights}: this network takes no depth from M3Depth"),
+        ("fusion-true-depth", weights, f"--depth-weights {weights}: this network takes no depth from M3Depth"),
+        ("fusion", rival, f"--depth-weights {rival}: holds weights of fusion, not of M3Depth"),
+    ):
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            first_network(train_config(tmp_path / "run", preset=preset, depth_weights=path))
+    with pytest.raises(FileNotFoundError, match=r"^--depth-weights missing: no such weights file"):
+        first_network(train_config(tmp_path / "run", preset="fusion", depth_weights=Path("missing")))
+    with pytest.raises(ValueError, match=r"the weights of --init name those of their depth$"):
+        check_config(train_config(tmp_path / "run", init=rival, depth_weights=weights))
+    both = {"depth_weights": "a", "depth_sha256": "b"}
+    for changes in ({"depth_weights": "a"}, {**both, "true_depth": True}, {**both, "depth_weights": "a\nb"}):
+        with pytest.raises(ValueError, match=r"^depth_weights "):
+            replace(TINY["fusion"], **changes)
 
 
 def test_true_depth_is_given_in_training_and_evaluation_and_marked_in_tables(plane_samples, tmp_path) -> None:

@@ -61,6 +61,25 @@ def test_the_loss_is_that_of_depth_over_15_m_up_to_there() -> None:
     assert disparity_loss(at_9_m, beyond, weight, config) == 0
 
 
+def test_a_disparity_under_1_px_is_pulled_towards_the_truth_along_the_tangent_of_depth() -> None:
+    target = make_target()
+    least = float(target.camera[0, 0]) * 0.27 / 15  # [px] at 15 m
+    near = target._replace(disparity=torch.full_like(target.disparity, 2 * least))  # half of that depth
+    config, weight = LossConfig(depth=True), torch.ones_like(near.disparity)
+    for value, depth in ((0.5, 1.5 * least), (0.0, 2 * least), (-1.0, 3 * least)):
+        given = torch.full_like(near.disparity, value, requires_grad=True)
+        loss = disparity_loss(given, near, weight, config)
+        torch.testing.assert_close(loss, torch.tensor(depth - 0.5 - 0.5))  # an error of depth - 1/2, beyond the knee
+        (slope,) = torch.autograd.grad(loss, given)
+        torch.testing.assert_close(slope.sum(), torch.tensor(-least))
+
+
+def test_weights_of_transposed_convolutions_have_the_variance_of_their_inputs() -> None:
+    layer = torch.nn.ConvTranspose2d(256, 8, 3)
+    draw_normal(layer)
+    assert float(layer.weight.detach().std()) == pytest.approx((2 / (256 * 9)) ** 0.5, rel=0.05)
+
+
 def test_all_first_weights_are_drawn_from_normal_distributions(tmp_path) -> None:
     network = new_network(PRESETS["lite"])
     draw_normal(network)
