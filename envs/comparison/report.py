@@ -122,7 +122,7 @@ def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
     counts = ", ".join(f"{counted(number, 'episode')} by {state}" for state, number in states.most_common())
     words = f"by code {next(iter(states))}" if len(states) == 1 else f"by different states of the code ({counts})"
     words += f", in {method.runtime}" if method.runtime else ""
-    return words + "".join(f", {name} of {digest[:SHOWN]}" for name, digest in method.weights.items())
+    return words + "".join(f", {name} with SHA-256 {digest[:SHOWN]}" for name, digest in method.weights.items())
 
 
 def _left_out(methods: Mapping[str, DrivenMethod], compared: int) -> str:
