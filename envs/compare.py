@@ -19,9 +19,11 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table
+from envs.comparison.methods import methods_of
 from envs.comparison.plots import plot_comparison, plot_depth_metrics
-from envs.comparison.report import compare_methods, comparison_table
-from envs.comparison.suite_results import SuiteResults, methods_of, read_results
+from envs.comparison.report import compare_methods, comparison_notes, comparison_table
+from envs.comparison.suite_results import SuiteResults, read_results, results_file
+from envs.drives.report import in_table
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
@@ -50,17 +52,24 @@ class CompareConfig:
     def __post_init__(self) -> None:
         if not self.results:
             raise ValueError("name one file results.json or more")
+        read: dict[Path, Path] = {}
+        for path in self.results:
+            file = results_file(path).resolve()
+            if file in read:
+                raise ValueError(f"{path} is given twice{f', also as {read[file]}' if read[file] != path else ''}")
+            read[file] = path
 
 
 def compare(config: CompareConfig) -> dict[str, Any]:
     """Compare the methods of the files.
 
     Returns:
-        The content of comparison.json: suite, split, track; rows, as envs.comparison.report.compare_methods has them;
-        dots and correlations, as envs.comparison.depth_metrics has them.
+        The content of comparison.json: suite, split, track; rows and notes, as envs.comparison.report has them; dots
+        and correlations, as envs.comparison.depth_metrics has them.
 
     Raises:
-        DatasetError: A file cannot be true, two are of different suites or splits, or --out is a dataset.
+        DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
+            be told apart, or --out is a dataset.
         FolderInUse: Another command writes to --out.
         ValueError: No method is on the track, or the methods have no episode in common.
     """
@@ -77,7 +86,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     dots = condition_dots(methods)
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
-        "dots": dots, "correlations": correlate(dots),
+        "notes": comparison_notes(methods), "dots": dots, "correlations": correlate(dots),
     }  # fmt: skip
     if config.out is not None:
         with ResultFolder(config.out, "comparison").claim():
@@ -99,7 +108,8 @@ def _write(out: Path, content: Mapping[str, Any]) -> None:
 def page(content: Mapping[str, Any]) -> str:
     """Return the content of comparison.md from that of comparison.json."""
     head = f"Suite {content['suite']}, split {content['split']}, track {content['track']}.\n\n"
-    tables = comparison_table(content["rows"])
+    notes = "".join(f"- {in_table(note)}\n" for note in content["notes"])
+    tables = f"{comparison_table(content['rows'])}\n{notes}"
     return head + tables + (f"\n{correlation_table(content['correlations'])}" if content["correlations"] else "")
 
 

@@ -4,8 +4,8 @@
     python -m envs.evaluate --suite marsnav-v1 --shard 2/2 --out out/second
     python -m envs.join out/first out/second --out out/all
 
-The results are those of one evaluation without --shard. Nothing is driven and no network is loaded. Shards that are
-only half driven join too, as long as no episode is missing.
+The results are those of one evaluation without --shard. Nothing is driven and no network is loaded. Every shard must be
+finished: the command that drove it goes on with one that was stopped.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from typing import Annotated, Any
 
 import tyro
 
+from envs.comparison.methods import fullest_runtime
 from envs.drives.config import EvaluateConfig
+from envs.drives.records import read_record
 from envs.drives.resume import RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
@@ -30,6 +32,8 @@ from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
 RESULTS = "results.json"  # in the folder of an evaluation
+EPISODES = "episodes"  # folder of the records in it
+TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
 NO_SETTINGS = "config does not hold the settings of an evaluation"
 NOTES = (WEIGHTS, RUNTIME)
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
@@ -56,11 +60,16 @@ class JoinConfig:
 def join(config: JoinConfig) -> dict[str, Any]:
     """Copy the shards' records into one folder, write its report, and return the content of its results.json.
 
+    All is checked before anything is written.
+
     Raises:
-        DatasetError: A folder is no evaluation, the settings, weights or runtimes of two differ, or episodes are
-            missing. One line that names them.
+        DatasetError: A folder is no evaluation or not finished, the settings, weights or runtimes of two differ, one
+            episode has two different records, episodes are missing, or --out is a shard or holds other records. One
+            line that names them.
         FolderInUse: Another command writes to --out.
     """
+    if config.out.resolve() in (folder.resolve() for folder in config.shards):
+        raise DatasetError(f"--out {config.out}: is one of the shards; choose another")
     marks = [read_json(folder / SETTINGS) for folder in config.shards]
     contents = [_results(folder / RESULTS) for folder in config.shards]
     first = config.shards[0]
@@ -68,11 +77,8 @@ def join(config: JoinConfig) -> dict[str, Any]:
         for one, other, apart in ((marks[0], mark, ()), (contents[0]["config"], content["config"], PATHS)):
             if other_settings := differences(_shared(one, apart), _shared(other, apart)):
                 raise DatasetError(f"{folder}: has other settings than {first} ({other_settings[0]})")
-    weights, runtime = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards), None
-    for folder, mark in zip(config.shards, marks, strict=True):
-        if None not in (runtime, mark.get(RUNTIME)) and runtime != mark[RUNTIME]:
-            raise DatasetError(f"{folder}: M3Depth ran in {mark[RUNTIME]}, and in {runtime} in another shard")
-        runtime = runtime or mark.get(RUNTIME)
+    weights = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards)
+    runtime = _runtime([mark.get(RUNTIME) for mark in marks], config.shards)
     try:
         joined = _evaluation(contents, config.out)
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
@@ -82,23 +88,75 @@ def join(config: JoinConfig) -> dict[str, Any]:
     )
     if unlike := differences(_shared(marks[0]), as_json(joined.content())):
         raise DatasetError(f"{first / SETTINGS}: does not belong to its results.json ({unlike[0]})")
+    records = _records(joined, config.shards)
     with results.claim():
-        episodes = config.out / "episodes"
-        episodes.mkdir(exist_ok=True)
+        _check_earlier(config.out / EPISODES, records)
+        (config.out / EPISODES).mkdir(exist_ok=True)
+        for name, file in records.items():
+            write_atomically(config.out / EPISODES / name, file.read_bytes())
         for folder in config.shards:
-            for record in sorted((folder / "episodes").glob("*.json")):
-                write_atomically(episodes / record.name, record.read_bytes())
             for drive in sorted((folder / DRIVES).glob("*.zip")):
-                write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
-        if missing := [task for task in joined.tasks if not (episodes / task.file).is_file()]:
-            number = counted(len(missing), "episode")
-            raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0].file}")
+                if f"{drive.stem}.json" in records:
+                    write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
         results.note(**{WEIGHTS: weights, RUNTIME: runtime})
         return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, {})[0]
 
 
+def _records(joined: EvaluateConfig, shards: Sequence[Path]) -> dict[str, Path]:
+    """Return the record of every episode of the joined evaluation, by the name of its file.
+
+    Raises:
+        DatasetError: A record is damaged or of another episode, two shards have records of an episode that differ in
+            more than times, or none has one.
+    """
+    records: dict[str, Path] = {}
+    for task in joined.tasks:
+        for file in (folder / EPISODES / task.file for folder in shards):
+            if not file.is_file():
+                continue
+            if not task.is_of(read_record(file)):
+                raise DatasetError(f"{file}: is the record of another episode than its name says")
+            if unlike := _unlike(first := records.setdefault(task.file, file), file):
+                raise DatasetError(f"{file}: is another record of the episode than {first} ({unlike})")
+    if missing := [task.file for task in joined.tasks if task.file not in records]:
+        number = counted(len(missing), "episode")
+        raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0]}")
+    return records
+
+
+def _check_earlier(folder: Path, records: Mapping[str, Path]) -> None:
+    """Raise DatasetError if the joined episodes' folder holds records of others than the shards."""
+    for file in sorted(folder.glob("*.json")):
+        if file.name not in records:
+            raise DatasetError(f"{file}: is a record that none of the shards holds; choose another --out")
+        if unlike := _unlike(records[file.name], file):
+            raise DatasetError(
+                f"{file}: is another record of the episode than {records[file.name]} ({unlike}); choose another --out"
+            )
+
+
+def _unlike(one: Path, other: Path) -> str:
+    """Return the first difference between two records, but for times; "" if there is none."""
+    contents = ({k: v for k, v in read_json(file).items() if k not in TIMES} for file in (one, other))
+    return next(iter(differences(*contents)), "")
+
+
+def _runtime(runtimes: Sequence[Any], folders: Sequence[Path]) -> str | None:
+    """Return the program that ran M3Depth in all shards. Raises DatasetError where two ran it in different ones."""
+    for n, folder in enumerate(folders):
+        if not isinstance(runtimes[n], str | None):
+            raise DatasetError(f"{folder / SETTINGS}: {RUNTIME} must be a name or null, got {runtimes[n]!r:.60}")
+        try:
+            fullest_runtime(runtimes[: n + 1])
+        except ValueError as error:
+            raise DatasetError(f"{folder}: M3Depth ran in another program than in another shard ({error})") from None
+    return fullest_runtime(runtimes)
+
+
 def _results(file: Path) -> dict[str, Any]:
     """Read the results.json of a shard. Raises DatasetError if it has no settings of an evaluation."""
+    if (file.parent / SETTINGS).is_file() and not file.is_file():
+        raise DatasetError(f"{file}: no such file, as the shard is not finished; the command that drove it goes on")
     content = read_json(file)
     settings = content.get("config")
     if not isinstance(settings, dict) or not isinstance(settings.get("eyes"), dict):
@@ -135,8 +193,8 @@ def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path) -> EvaluateCon
     for name in METHODS:  # in the order of their first shard
         settings[name] = list(dict.fromkeys(value for content in contents for value in content["config"][name]))
     plain = EvaluateConfig(out, videos=False)
-    known = {field.name for field in fields(EvaluateConfig)} - {*OF_SHARD, "eyes"}
-    values: dict[str, Any] = {key: value for key, value in settings.items() if key in known}
+    names = {field.name for field in fields(EvaluateConfig)} - {*OF_SHARD, "eyes"}
+    values: dict[str, Any] = {key: value for key, value in settings.items() if key in names}
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     return replace(plain, eyes=EyesConfig(**settings["eyes"]), **values)
 

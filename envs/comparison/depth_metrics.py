@@ -7,12 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.comparison.report import bounds, scores
-from envs.comparison.suite_results import DrivenMethod, Episode, shared_episodes
+from envs.comparison.methods import DrivenMethod, shared_episodes
+from envs.comparison.report import scores
+from envs.comparison.suite_results import Episode
+from envs.drives.report import bounds
 from envs.world.perception import GROUND_TRUTH
 from m3depth.evaluation.bootstrap import DRAWS, interval
 
 FEWEST = 3  # dots that a correlation needs
+DIGITS = 12  # decimals of scores and metrics that count, as means of equal values may differ by rounding
 SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
 
 
@@ -98,30 +101,34 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the correlation of each score with each metric, over the dots that have both.
 
     Spearman's correlation is that of the ranks. Pearson's is that with the logarithm of a metric that spans decades, if
-    no dot has 0. Intervals are by the bootstrap over the conditions: all dots of a condition are drawn together, as its
-    courses make them alike.
+    no dot has 0. Values that differ by rounding alone count as equal. Intervals are by the bootstrap over the
+    conditions: all dots of a condition are drawn together, as its courses make them alike.
 
     Args:
         dots: Of condition_dots.
 
     Returns:
-        Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), spearman and
-        pearson, each with its 95 % interval. There is no row of fewer than three dots, or where all have one value.
+        Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), logarithmic
+        (whether Pearson's is with the logarithm), and spearman and pearson, each with its 95 % interval. There is no
+        row of fewer than three dots, or where all have one value.
     """
     rows = []
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
         for name, metric in METRICS.items():
             both = [dot for dot in dots if dot[name] is not None and dot[score] is not None]
-            x, y = (np.array([dot[key] for dot in both], float) for key in (name, score))
-            if len(both) < FEWEST or np.ptp(x) == 0 or np.ptp(y) == 0:
+            x, y = (np.array([dot[key] for dot in both], float).round(DIGITS) for key in (name, score))
+            if len(both) < FEWEST:
                 continue
-            plotted = np.log(x) if metric.logarithmic and x.min() > 0 else x
+            logarithmic = metric.logarithmic and x.min() > 0
             weights = _resampled([dot["condition"] for dot in both])
-            row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both)}
-            for kind, values in (
-                ("spearman", correlation(ranks(x, weights), ranks(y, weights), weights)),
-                ("pearson", correlation(plotted, y, weights)),
-            ):
+            of_each = {
+                "spearman": correlation(ranks(x, weights), ranks(y, weights), weights),
+                "pearson": correlation(np.log(x) if logarithmic else x, y, weights),
+            }
+            if not all(np.isfinite(values[0]) for values in of_each.values()):  # all dots have one value
+                continue
+            row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": bool(logarithmic)}
+            for kind, values in of_each.items():
                 row[kind] = float(values[0])
                 row[f"{kind}_interval"] = list(interval(values[np.isfinite(values)]))
             rows.append(row)
@@ -142,14 +149,13 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
             + "".join(
                 f"| {row[kind]:+.2f}{bounds(row[f'{kind}_interval'], 1, '+.2f')} " for kind in ("spearman", "pearson")
             )
-            + "|"
+            + ("by the logarithm |" if row["logarithmic"] else "|")
             for row in rows
         ),
     ]  # fmt: skip
-    logarithmic = ", ".join(metric.words for metric in METRICS.values() if metric.logarithmic)
     note = (
-        "A dot is a method under a condition. Intervals are by the bootstrap over the conditions. Pearson's is the "
-        f"correlation with the logarithm of {logarithmic}. Less true depth: less the score of the same driver with "
+        "A dot is a method under a condition. Intervals are by the bootstrap over the conditions. By the logarithm: "
+        "the correlation with the logarithm of the metric. Less true depth: less the score of the same driver with "
         "true depth on the same courses, which leaves out how hard a condition is for any eyes."
     )
     return "\n".join([*lines, "", note]) + "\n"

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_of
-from envs.comparison.report import bounds
+from envs.drives.report import bounds
 from m3depth.figures.drawing import save
 
 SPREAD = 0.7  # of the height of a condition, over which its methods lie

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from envs.comparison.suite_results import DrivenMethod, Episode, shared_episodes
+from envs.comparison.methods import DrivenMethod, shared_episodes
+from envs.comparison.suite_results import Episode, Key
 from envs.drives.metrics import paired_scores, wilson_interval
+from envs.drives.report import bounds, in_table
 from m3depth.evaluation.bootstrap import interval, resampled_means
+from marssim.base.command.wording import counted
 
 OVERALL = "all"  # row over all conditions
+ONE_COURSE = " (one course only)"  # instead of an interval
+SHOWN = 12  # digits of a digest that a note shows
 
 
 def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
@@ -23,29 +29,32 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
         methods: By label. The first is what the others are compared to.
 
     Returns:
-        condition, method, episodes; success_rate with its interval, Wilson's for a condition, and by the bootstrap over
-        the courses over all conditions; spl with its bootstrap interval; and `less`: the difference to the first method
-        as envs.drives.metrics.paired_difference has it, None for the first. Courses of one number under several
-        conditions are drawn together.
+        condition, method, episodes; courses: how many numbers they have; success_rate with its interval, Wilson's for a
+        condition, and by the bootstrap over the courses over several conditions; spl with its bootstrap interval; and
+        `less`: the difference to the first method as envs.drives.metrics.paired_difference has it, None for the first.
+        Courses of one number under several conditions are drawn together.
 
     Raises:
         ValueError: The methods have no episode in common.
     """
     shared = shared_episodes(methods)
     first = next(iter(methods))
+    conditions = list(dict.fromkeys(condition for condition, _ in shared))
     rows = []
-    for condition in (*dict.fromkeys(condition for condition, _ in shared), OVERALL):
+    for condition in (*conditions, OVERALL):
         keys = [key for key in shared if condition in (OVERALL, key[0])]
         drives = {label: {key: scores(method.episodes[key]) for key in keys} for label, method in methods.items()}
         for label, driven in drives.items():
             values = np.array(list(driven.values()))
             success, weighted = (float(mean) for mean in values.mean(axis=0))
-            means = resampled_means(values, [course for _, course in keys])
+            courses = [course for _, course in keys]
+            means = resampled_means(values, courses)
             rows.append(
                 {
-                    "condition": condition, "method": label, "episodes": len(keys), "success_rate": success,
+                    "condition": condition, "method": label, "episodes": len(keys),
+                    "courses": len(set(courses)), "success_rate": success,
                     "success_interval": list(
-                        interval(means[:, 0]) if condition == OVERALL
+                        interval(means[:, 0]) if condition == OVERALL and len(conditions) > 1
                         else wilson_interval(success * len(keys), len(keys))
                     ),
                     "spl": weighted, "spl_interval": list(interval(means[:, 1])),
@@ -53,11 +62,6 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
                 }
             )  # fmt: skip
     return rows
-
-
-def scores(episode: Episode) -> tuple[float, float]:
-    """Return success and SPL of an episode."""
-    return float(episode["success"]), float(episode["spl"])
 
 
 def comparison_table(rows: list[dict[str, Any]]) -> str:
@@ -69,28 +73,72 @@ def comparison_table(rows: list[dict[str, Any]]) -> str:
     ]
     for row in rows:
         less = row["less"]
+        courses = row["courses"]
         differences = ("-", "-") if less is None else (
-            f"{100 * less['difference']:+.0f} points{bounds(less['interval'], 100, '+.0f')}",
-            f"{less['spl_difference']:+.3f}{bounds(less['spl_interval'], 1, '+.3f')}",
+            f"{100 * less['difference']:+.0f} points{_ends(less['interval'], 100, '+.0f', courses)}",
+            f"{less['spl_difference']:+.3f}{_ends(less['spl_interval'], 1, '+.3f', courses)}",
         )  # fmt: skip
         lines.append(
             f"| {row['condition']} | {in_table(row['method'])} | {row['episodes']} "
-            f"| {100 * row['success_rate']:.0f} %{bounds(row['success_interval'], 100, '.0f')} "
-            f"| {row['spl']:.3f}{bounds(row['spl_interval'], 1, '.3f')} | {differences[0]} | {differences[1]} |"
+            f"| {100 * row['success_rate']:.0f} %{_ends(row['success_interval'], 100, '.0f', courses)} "
+            f"| {row['spl']:.3f}{_ends(row['spl_interval'], 1, '.3f', courses)} | {differences[0]} | {differences[1]} |"
         )
     note = (
-        f"The differences are those to {in_table(first)} on the same courses, with 95 % intervals by the paired "
-        "bootstrap over the courses. A difference without an interval is the same on all courses."
+        f"The differences are those to {in_table(first)} on the same courses, with 95 % intervals. That of success "
+        "under a condition is Newcombe's interval for paired proportions. That of SPL, and those over all of several "
+        "conditions, are by the paired bootstrap over the courses. A difference without an interval is the same on all "
+        "courses."
     )
     return "\n".join([*lines, "", note]) + "\n"
 
 
-def in_table(name: str) -> str:
-    """Return a name that a stranger chose as text in a cell of a Markdown table."""
-    return name.replace("\\", "\\\\").replace("|", "\\|").replace("<", "\\<")
+def comparison_notes(methods: Mapping[str, DrivenMethod]) -> list[str]:
+    """Return sentences on what the rows of compare_methods rest on.
+
+    They say how many episodes are compared, and how many are left out as a method lacks them; whether the row over all
+    conditions weighs them unequally; and what drove each method, with a warning where that was different code.
+
+    Args:
+        methods: By label.
+
+    Raises:
+        ValueError: The methods have no episode in common.
+    """
+    shared = shared_episodes(methods)
+    notes = [_left_out(methods, len(shared))]
+    courses = Counter(condition for condition, _ in shared).values()
+    if min(courses) < max(courses):
+        notes.append(
+            f"The conditions have {min(courses)} to {max(courses)} courses each, and the row `{OVERALL}` weighs each "
+            "condition by its number of courses."
+        )
+    notes += [f"{label}: driven {_driven_by(method, shared)}." for label, method in methods.items()]
+    return notes
 
 
-def bounds(ends: tuple[float, float] | list[float], scale: float, digits: str) -> str:
-    """Return an interval in words, as " (0.71 to 0.84)"; "" if it has no width."""
-    low, high = ends
-    return f" ({scale * low:{digits}} to {scale * high:{digits}})" if low < high else ""
+def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
+    """Return what drove the episodes of a method that are compared: code, runtime and digests of weights."""
+    states = Counter(method.episodes[key].get("code") or "an unknown state" for key in shared)
+    counts = ", ".join(f"{counted(number, 'episode')} by {state}" for state, number in states.most_common())
+    words = f"by code {next(iter(states))}" if len(states) == 1 else f"by different states of the code ({counts})"
+    words += f", in {method.runtime}" if method.runtime else ""
+    return words + "".join(f", {name} with SHA-256 {digest[:SHOWN]}" for name, digest in method.weights.items())
+
+
+def _left_out(methods: Mapping[str, DrivenMethod], compared: int) -> str:
+    """Return a sentence on the episodes that are compared, and on those that are left out."""
+    driven = set().union(*(method.episodes for method in methods.values()))
+    lacking = {label: len(driven) - len(method.episodes) for label, method in methods.items()}
+    lacks = ", ".join(f"{label} lacks {number}" for label, number in lacking.items() if number)
+    words = f"Compared on {counted(compared, 'episode')} that all methods have driven"
+    return f"{words}; others left out: {len(driven) - compared}{f' ({lacks})' if lacks else ''}."
+
+
+def scores(episode: Episode) -> tuple[float, float]:
+    """Return success and SPL of an episode."""
+    return float(episode["success"]), float(episode["spl"])
+
+
+def _ends(ends: Sequence[float], scale: float, digits: str, courses: int) -> str:
+    """Return an interval in words; why there is none where it has no width for want of courses."""
+    return bounds(ends, scale, digits) or (ONE_COURSE if courses == 1 else "")

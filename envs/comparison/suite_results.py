@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import islice, product
 from pathlib import Path
 from typing import Any
@@ -14,34 +13,26 @@ import numpy as np
 from envs.comparison.schema import results_schema
 from envs.drives.config import shard_of
 from envs.drives.metrics import spl
-from envs.drives.resume import WEIGHTS
+from envs.drives.resume import RUNTIME, WEIGHTS
+from envs.mars_nav import STEP_SECONDS
 from envs.suites.suite import SAME_WAY, Suite, load_suite, packaged_suites
 from envs.world.perception import GROUND_TRUTH
-from envs.world.referee import GOAL_RADIUS
+from envs.world.referee import GOAL_RADIUS, STEPS_PER_METRE
 from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
+from marssim.base.rover_spec import ZHURONG
 
-FIXED_DRIVER = "navigator"  # the driver of the track "eyes"
 SAME_SPL = 1e-6  # by which SPL may differ from that of the ways
 AIR = 0.05  # [m] by which the way of an arrival may be shorter than its straight line
+STEP_WAY = ZHURONG.max_speed * STEP_SECONDS  # [m] that the rover drives in a step at most
+SLIDING = 2.0  # factor on that way for a rover that can slide downhill: with rigid bodies, or wheels that slip
+NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles")  # null for drives with true depth
 
 Method = tuple[str, str]  # driver and perception
 Key = tuple[str, int]  # condition and number of the course
 Episode = Mapping[str, Any]  # as results.schema.json describes it
 Episodes = dict[Key, Episode]
-
-
-@dataclass(frozen=True)
-class DrivenMethod:
-    """A driver with a perception, and its episodes."""
-
-    driver: str
-    """Name of the driver."""
-    perception: str
-    """Name of the perception."""
-    episodes: Episodes
-    """Its episodes."""
 
 
 @dataclass(frozen=True)
@@ -57,19 +48,16 @@ class SuiteResults:
     episodes: Mapping[Method, Episodes]
     """The episodes of each method, in the order of the file."""
     part: Mapping[str, Any] | None = None
-    """What the shards of one evaluation have in common, where the file is one of them."""
+    """What the parts of one evaluation have in common, where the file is one of them."""
+    weights: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of the weights or the code of drivers and perceptions by name."""
+    runtime: str | None = None
+    """Name and version of the program that ran M3Depth; None where it did not run."""
 
 
-def in_track(track: str, method: Method) -> bool:
-    """Return whether a method competes on a track.
-
-    Args:
-        track: "eyes", where the navigator drives and only the perception counts; "drivers", where all see true depth;
-            or "both", which is open to all.
-        method: Driver and perception.
-    """
-    driver, perception = method
-    return {"eyes": driver == FIXED_DRIVER, "drivers": perception == GROUND_TRUTH, "both": True}[track]
+def results_file(path: Path) -> Path:
+    """Return the file of results that a path names: itself, or the results.json in a folder."""
+    return path / "results.json" if path.is_dir() else path
 
 
 def read_results(path: Path, suite: str | None = None) -> SuiteResults:
@@ -83,7 +71,7 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
         DatasetError: The file breaks the schema, is of another suite, lacks episodes, or contradicts itself or the
             suite. One line that names the file and the value.
     """
-    path = path / "results.json" if path.is_dir() else path
+    path = results_file(path)
     content = read_json(path)
     if fault := first_fault(content, results_schema()):
         raise DatasetError(f"{path}: {fault}")
@@ -92,12 +80,12 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
         raise DatasetError(
             f"{path}: is of the suite {head['name']!r:.60}, which is not in the package; give --suite FILE"
         )
-    known = load_suite(suite or head["name"])
-    if (known.name, known.sha256) != (head["name"], head["sha256"]):
-        raise DatasetError(f"{path}: is of {head['name']} with another content than {known.name} here")
-    if head["split"] not in known.splits:
-        raise DatasetError(f"{path}: suite.split {head['split']!r} is none of {', '.join(known.splits)}")
-    if head["courses"] > (most := known.splits[head["split"]]["courses"]):
+    listed = load_suite(suite or head["name"])
+    if (listed.name, listed.sha256) != (head["name"], head["sha256"]):
+        raise DatasetError(f"{path}: is of {head['name']} with another content than {listed.name} here")
+    if head["split"] not in listed.splits:
+        raise DatasetError(f"{path}: suite.split {head['split']!r} is none of {', '.join(listed.splits)}")
+    if head["courses"] > (most := listed.splits[head["split"]]["courses"]):
         raise DatasetError(f"{path}: suite.courses must be at most {most}, got {head['courses']}")
     driven: dict[Method, Episodes] = {}
     try:
@@ -107,7 +95,7 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
     for n, episode in enumerate(content["episodes"]):
         at = episode["condition"], episode["course"]
         where = f"{path}: episodes[{n}], {at[0]}, course {at[1]}"
-        if fault := _fault(episode, known, head["split"]):
+        if fault := _fault(episode, listed, head["split"]):
             raise DatasetError(f"{where}: {fault}")
         if at not in asked:
             raise DatasetError(f"{where}: is none of the episodes that the file says were driven")
@@ -122,62 +110,15 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
             (condition, course), number = missing[0], counted(len(missing), "episode")
             are = "is" if len(missing) == 1 else "are"
             raise DatasetError(f"{path}: {', '.join(method)}: {number} {are} missing, as {condition}, course {course}")
-    return SuiteResults(path, known.name, head["split"], driven, _part(content))
+    weights, runtime = content.get(WEIGHTS, {}), content.get(RUNTIME)
+    return SuiteResults(path, listed.name, head["split"], driven, _part(head), weights, runtime)
 
 
-def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, DrivenMethod]:
-    """Return every method on a track, by a label that is its own.
-
-    A method in shards of one evaluation is one method. Else a method that several files hold is labelled with the
-    folder of each.
-    """
-    entries = list[tuple[SuiteResults, Method, Episodes]]()
-    for file in files:
-        for method, driven in file.episodes.items():
-            if not in_track(track, method):
-                continue
-            for other, of_other, before in entries:
-                if of_other == method and _are_shards(file, other) and not before.keys() & driven.keys():
-                    before.update(driven)
-                    break
-            else:
-                entries.append((file, method, dict(driven)))
-    number = Counter(method for _, method, _ in entries)
-    out: dict[str, DrivenMethod] = {}
-    for file, method, driven in entries:
-        label = ", ".join(method) + (f" ({file.path.parent.name or file.path})" if number[method] > 1 else "")
-        if label in out:
-            label = f"{', '.join(method)} ({file.path})"
-        out[label] = DrivenMethod(*method, driven)
-    return out
-
-
-def shared_episodes(methods: Mapping[str, DrivenMethod]) -> list[Key]:
-    """Return the episodes that all methods have driven, in the order of the first one.
-
-    Raises:
-        ValueError: There is none.
-    """
-    first, *others = (method.episodes for method in methods.values())
-    shared = [key for key in first if all(key in other for other in others)]
-    if not shared:
-        raise ValueError("the methods have no episode in common, so nothing can be compared")
-    return shared
-
-
-def _part(content: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return what the shards of one evaluation have in common; None for a file that is no shard."""
-    head, digests = dict(content["suite"]), content.get(WEIGHTS, {})
-    return {**head, "shard": head["shard"].partition("/")[2], WEIGHTS: digests} if head.get("shard") else None
-
-
-def _are_shards(file: SuiteResults, other: SuiteResults) -> bool:
-    """Return whether two files are shards of one evaluation, in which no method has two weights."""
-    if file.part is None or other.part is None:
-        return False
-    digests, others = file.part[WEIGHTS], other.part[WEIGHTS]
-    same = all(digests[name] == others[name] for name in digests.keys() & others.keys())
-    return same and {**file.part, WEIGHTS: 0} == {**other.part, WEIGHTS: 0}
+def _part(head: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return what the parts of one evaluation have in common; None for a file that holds the whole."""
+    if not head.get("shard"):
+        return None
+    return {"conditions": head["conditions"], "courses": head["courses"], "parts": shard_of(head["shard"])[1]}
 
 
 def _asked(head: Mapping[str, Any]) -> set[Key]:
@@ -214,4 +155,34 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     least = apart - GOAL_RADIUS - AIR
     if episode["success"] and episode["path_length"] < least:
         return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
+    return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode)
+
+
+def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> str | None:
+    """Return in what steps, way and looks contradict each other or the distance of the goal [m]; None if in nothing."""
+    steps = episode["steps"]
+    if steps > (most_steps := int(STEPS_PER_METRE * apart + 1)):
+        return f"steps must be at most {most_steps}, got {steps}"
+    rigid = suite.drive["dynamics"] == "kinematic" and suite.drive["slip"] is None
+    most_way = (1.0 if rigid else SLIDING) * STEP_WAY * steps + AIR
+    if episode["path_length"] > most_way:
+        return f"path_length must be at most {most_way:.2f} m in {steps} steps, got {episode['path_length']:g}"
+    looks = episode.get("looks")
+    if looks is not None and looks > steps + 1:
+        return f"looks must be at most {steps + 1}, one before the first step and one after each, got {looks}"
+    blind = episode.get("blind")
+    if blind is not None and blind > (most_blind := steps + 1 if looks is None else looks):
+        return f"blind must be at most {most_blind}, the number of looks, got {blind}"
+    return None
+
+
+def _fault_of_depth(episode: Mapping[str, Any]) -> str | None:
+    """Return in what the errors of the depth contradict each other or the perception; None if in nothing."""
+    if episode["perception"] == GROUND_TRUTH:
+        for name in NOT_OF_TRUTH:
+            if episode.get(name) is not None:
+                return f"{name} must be null for true depth, got {episode[name]!r}"
+    rocks, missed = (episode.get(name) or 0 for name in ("rocks", "rocks_missed"))
+    if missed > rocks:
+        return f"rocks_missed must be at most {rocks}, the number of rocks, got {missed}"
     return None

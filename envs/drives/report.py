@@ -22,10 +22,12 @@ rock that blocks. Near misses: drives without a collision whose footprint came w
 a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time ran
 out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
 Tilt: the largest. Abs Rel: error of the depth on the way. Unreachable: goals without a way to them, which were drawn
-again. s / step: seconds of driver, perception and simulation. Differences (below): with 95 % intervals by the paired
-bootstrap over the courses."""
+again. s / step: seconds of driver, perception and simulation. Differences (below) have 95 % intervals: that of success
+under a single condition is Newcombe's for paired proportions, all others are by the paired bootstrap over the
+courses."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
+ONE_COURSE = "no interval: one course only"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
@@ -94,7 +96,8 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         error = "-" if r["abs_rel"] is None else f"{r['abs_rel']:.4f}"
         failures = ", ".join(str(number) for number in r["failures"].values())
         lines.append(
-            f"| {r['driver']} | {r['perception']} {'| ' + r['cell']['condition'] + ' ' if condition else ''}"
+            f"| {in_table(r['driver'])} | {in_table(r['perception'])} "
+            f"{'| ' + r['cell']['condition'] + ' ' if condition else ''}"
             f"| {k} | {slope}{mark} | {r['episodes']} "
             f"| {100 * r['success_rate']:.0f} % ({100 * low:.0f}-{100 * high:.0f}) | {r['spl']:.2f} "
             f"| {r['soft_spl']:.2f} | {detour} | {100 * r['collision_rate']:.0f} % | {100 * r['near_miss_rate']:.0f} % "
@@ -119,9 +122,8 @@ def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord
         errors = [r.abs_rel for r in records if r.perception == perception and r.abs_rel is not None]
         if errors:
             way = sum(errors) / len(errors)
-            lines.append(
-                f"{perception}: Abs Rel {way:.4f} on the way ({len(errors)} drives), {error:.4f} on the test set\n"
-            )
+            ways = f"{way:.4f} on the way ({len(errors)} drives), {error:.4f} on the test set"
+            lines.append(f"{in_table(perception)}: Abs Rel {ways}\n")
     return "".join(lines)
 
 
@@ -133,7 +135,7 @@ def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
         blind, looks = sum(r.blind or 0 for r in noted), sum(r.looks or r.steps + 1 for r in noted)
         if blind:
             share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
-            lines.append(f"\n{perception} gave no depth at all in {blind} of its {looks} looks ({share}).\n")
+            lines.append(f"\n{in_table(perception)} gave no depth at all in {blind} of its {looks} looks ({share}).\n")
     return "".join(lines)
 
 
@@ -141,20 +143,28 @@ def differences(rows: Sequence[dict[str, Any]]) -> str:
     """Return lines with the differences of success and SPL on the same episodes."""
     lines = []
     for r in rows:
+        names = f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}"
         lines.append(
-            f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}, paired, {r['episodes']} episodes: "
-            f"{100 * r['difference']:+.0f} points of success{_interval(r['interval'], 100, '+.0f')}, "
-            f"SPL {r['spl_difference']:+.2f}{_interval(r['spl_interval'], 1, '+.2f')}{_without(r)}\n"
+            f"{in_table(names)}, paired, {r['episodes']} episodes: "
+            f"{100 * r['difference']:+.0f} points of success{bounds(r['interval'], 100, '+.0f')}, "
+            f"SPL {r['spl_difference']:+.2f}{bounds(r['spl_interval'], 1, '+.2f')}{_without(r)}\n"
         )
     return "".join(lines)
 
 
-def _interval(bounds: Sequence[float], scale: float, digits: str) -> str:
-    low, high = bounds
+def in_table(name: str) -> str:
+    """Return a name that somebody else may have chosen as text in a cell of a Markdown table."""
+    return name.replace("\\", "\\\\").replace("|", "\\|").replace("<", "\\<")
+
+
+def bounds(ends: Sequence[float], scale: float, digits: str) -> str:
+    """Return an interval in words, as " (0.71 to 0.84)"; "" if it has no width."""
+    low, high = ends
     return f" ({scale * low:{digits}} to {scale * high:{digits}})" if low < high else ""
 
 
 def _without(row: Mapping[str, Any]) -> str:
     """Return a remark on values without an interval."""
     none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not row[key][0] < row[key][1]]
-    return f" ({' and '.join(none)}: {NO_INTERVAL})" if none else ""
+    reason = ONE_COURSE if row["courses"] == 1 else NO_INTERVAL
+    return f" ({' and '.join(none)}: {reason})" if none else ""

@@ -1,4 +1,5 @@
 import json
+import math
 import shutil
 
 import pytest
@@ -52,6 +53,20 @@ def broken(key, value):
         (lambda c: c["suite"].update(shard="2"), "suite.shard must be I/N"),
         (lambda c: c["suite"].update(shard="2/2"), "is none of the episodes that the file says were driven"),
         (broken("start_distance", 3.0), "start_distance must be 4.00 m, got 3"),
+        (broken("steps", 1000), "steps must be at most 6"),
+        (broken("steps", 1), "path_length must be at most 0.45 m in 1 steps, got "),
+        (broken("looks", 0), "episodes[0].looks must be at least 1, got 0"),
+        (broken("looks", 1000), "the first step and one after each, got 1000"),
+        (broken("blind", 1000), "the number of looks, got 1000"),
+        (broken("abs_rel", -5), "episodes[0].abs_rel must be at least 0, got -5"),
+        (broken("abs_rel", 0.1), "abs_rel must be null for true depth, got 0.1"),
+        (broken("rocks", 3), "rocks must be null for true depth, got 3"),
+        (lambda c: c["episodes"][0].update(perception="p", rocks=1, rocks_missed=9), "must be at most 1, the number"),
+        (lambda c: c["episodes"][0].update(perception="p", rocks_missed=1), "rocks_missed must be at most 0, the"),
+        (lambda c: c.update(weights=[]), "weights must be of type object, got []"),
+        (lambda c: c.update(weights={"a": "x"}), "weights.a must be a SHA-256, got 'x'"),
+        (lambda c: c.update(runtime=3), "runtime must be of type string or null, got 3"),
+        (broken("code", "a\nb"), "episodes[0].code must be a state of the sources"),
         (broken("perception", "a\x1b[2J"), "episodes[0].perception must be a name in one line"),
     ],
 )  # fmt: skip
@@ -96,6 +111,7 @@ def test_methods_of_several_files_are_compared_by_course(suite_run, edited, smal
         for episode in content["episodes"]:
             way = max(episode["path_length"], episode["shortest"])
             episode.update(outcome="goal", success=True, distance=0.5, path_length=way, spl=episode["shortest"] / way)
+            episode["steps"] = max(episode["steps"], math.ceil(way / 0.4))
             episode["perception"] = "theirs"
 
     theirs = edited(arrive)
@@ -147,10 +163,39 @@ def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite)
     assert labels == {f"{driver}, ground_truth ({name})" for driver in ("random", "straight") for name in names}
     for number, path in enumerate(parts):  # another network by the same name is another method
         content = json.loads(path.read_text())
-        content["weights"] = {"ground_truth": str(number)}
+        content["weights"] = {"ground_truth": str(number) * 64}
         path.write_text(json.dumps(content))
     with pytest.raises(ValueError, match="no episode in common"):
         compare(CompareConfig(tuple(parts), suite=str(small_suite)))
+
+
+def test_a_part_of_other_code_joins_and_is_named(suite_run, edited, small_suite, capsys):
+    def shard(number, code):
+        def take(content):
+            content["suite"]["shard"] = f"{number}/2"
+            conditions = content["suite"]["conditions"]
+            content["episodes"] = [
+                {**e, "code": code} for e in content["episodes"] if e["condition"] == conditions[number - 1]
+            ]
+
+        return take
+
+    parts = [str(edited(shard(number, code), code)) for number, code in ((1, "aa"), (2, "bb"))]
+    assert main([*parts, "--suite", str(small_suite)]) == 0
+    page = capsys.readouterr().out
+    assert (
+        "\n- Compared on 4 episodes that all methods have driven; others left out: 0.\n"
+        "- straight, ground_truth: driven by different states of the code (2 episodes by aa, 2 episodes by bb).\n"
+    ) in page
+    assert main([parts[0], str(suite_run), "--suite", str(small_suite)]) == 0
+    page = capsys.readouterr().out
+    assert "others left out: 2 (straight, ground_truth (aa) lacks 2, random, ground_truth (aa) lacks 2)." in page
+
+
+def test_a_file_that_is_given_twice_is_refused(suite_run, small_suite, capsys):
+    for other in (suite_run, suite_run / "results.json"):
+        assert main([str(suite_run), str(other), "--suite", str(small_suite)]) == 2
+        assert f"{other} is given twice" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")

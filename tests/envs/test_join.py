@@ -62,6 +62,65 @@ def test_shards_whose_suite_lay_in_another_folder_join(shards, small_suite, tmp_
 def test_missing_episodes_are_counted(shards, tmp_path, capsys):
     assert main([str(shards[0]), "--out", str(tmp_path / "all")]) == 2
     assert "4 episodes of 8 are in none of the shards, as straight-ground_truth" in capsys.readouterr().err
+    assert not (tmp_path / "all").exists()  # nothing that a later join could take for its own
+
+
+def changed(folder, name, **values):
+    """Change values of the record of an episode, or of another JSON file of an evaluation."""
+    file = folder / name
+    file.write_text(json.dumps({**json.loads(file.read_text()), **values}))
+    return file
+
+
+def test_records_of_other_evaluations_in_the_folder_are_refused(shards, tmp_path, capsys):
+    out = tmp_path / "all"
+    for _ in range(2):  # the second join finds the records of the first
+        assert main([*map(str, shards), "--out", str(out)]) == 0
+    name = min((shards[0] / "episodes").glob("*.json")).name
+    file = changed(out / "episodes", name, steps=99)
+    assert main([*map(str, shards), "--out", str(out)]) == 2
+    assert f"{file}: is another record of the episode than {shards[0] / 'episodes' / name} (steps " in (
+        capsys.readouterr().err
+    )
+    file.rename(file.with_name("other.json"))
+    assert main([*map(str, shards), "--out", str(out)]) == 2
+    assert "other.json: is a record that none of the shards holds; choose another --out" in capsys.readouterr().err
+    assert main([*map(str, shards), "--out", str(shards[0])]) == 2
+    assert f"--out {shards[0]}: is one of the shards; choose another" in capsys.readouterr().err
+
+
+def test_an_episode_that_two_shards_hold_must_be_the_same_but_for_times(shards, tmp_path, monkeypatch):
+    monkeypatch.setattr("envs.join.write_results", lambda *_: ({}, []))
+    other = shutil.copytree(shards[1], tmp_path / "other")
+    first = min((shards[0] / "episodes").glob("*.json"))
+    shutil.copy(first, other / "episodes")
+    changed(other / "episodes", first.name, step_seconds=99.0)
+    join(JoinConfig((shards[0], other), tmp_path / "all"))
+    assert (tmp_path / "all" / "episodes" / first.name).read_bytes() == first.read_bytes()
+    changed(other / "episodes", first.name, outcome="tilt")
+    for order in ((shards[0], other), (other, shards[0])):
+        with pytest.raises(DatasetError, match=r"is another record of the episode than .* \(outcome "):
+            join(JoinConfig(order, tmp_path / "none"))
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_shard_that_was_stopped_before_its_report_is_named(shards, tmp_path):
+    other = shutil.copytree(shards[1], tmp_path / "other")
+    (other / "results.json").unlink()
+    with pytest.raises(DatasetError, match=r"other.results.json: no such file, as the shard is not finished"):
+        join(JoinConfig((shards[0], other), tmp_path / "all"))
+
+
+def test_shards_of_two_programs_are_refused(shards, tmp_path, monkeypatch):
+    monkeypatch.setattr("envs.join.write_results", lambda _, driven_by, __: (dict(driven_by), []))
+    copies = [shutil.copytree(shard, tmp_path / shard.name) for shard in shards]
+    changed(copies[0], "evaluate.json", runtime="openvino 1")
+    for runtime, message in (("pytorch 2", "pytorch 2 is not openvino 1"), (["a"], "runtime must be a name or null")):
+        changed(copies[1], "evaluate.json", runtime=runtime)
+        with pytest.raises(DatasetError, match=message):
+            join(JoinConfig(tuple(copies), tmp_path / "all"))
+    changed(copies[1], "evaluate.json", runtime="openvino 1 cpu bf16")  # the other is of an earlier version
+    assert join(JoinConfig(tuple(copies), tmp_path / "all"))["runtime"] == "openvino 1 cpu bf16"
 
 
 def test_shards_of_other_settings_are_refused(shards, tmp_path):

@@ -3,8 +3,8 @@ import pytest
 from scipy.stats import pearsonr, spearmanr
 
 from envs.comparison.depth_metrics import condition_dots, correlate, correlation, correlation_table, ranks
+from envs.comparison.methods import DrivenMethod
 from envs.comparison.plots import plot_depth_metrics
-from envs.comparison.suite_results import DrivenMethod
 
 CONDITIONS = ("clear", "dust", "storm", "rocks")
 
@@ -59,8 +59,34 @@ def test_correlations_leave_out_what_was_not_measured_and_what_does_not_vary():
     low, high = plain["spearman_interval"]
     assert -1 <= low < plain["spearman"] < high <= 1
     table = correlation_table(list(rows.values()))
-    assert "| SPL less true depth | Abs Rel on the way | 4 | -1.00 |" in table
+    (row,) = [line for line in table.splitlines() if "| SPL less true depth | Abs Rel on the way | 4 | -1.00 |" in line]
+    assert row.endswith(" by the logarithm |") and table.count("by the logarithm |") == 2
     assert correlate(condition_dots({"truth": TRUTH})) == []
+
+
+def test_values_that_differ_by_rounding_alone_are_equal():
+    """As with one drive of twenty lost under each condition."""
+    dots = [
+        {
+            "condition": str(n), "method": "eyes", "success_rate": n / 20, "spl": 0.5,
+            "success_rate_less_truth": n / 20 - (n + 1) / 20, "spl_less_truth": None,
+            "abs_rel": 0.01 * n, "rocks_missed": None, "false_obstacles": None,
+        }
+        for n in range(12, 19)
+    ]  # fmt: skip
+    assert len({dot["success_rate_less_truth"] for dot in dots}) > 1
+    (row,) = correlate(dots)
+    assert row["score"] == "success_rate" and row["spearman"] == pytest.approx(1)
+    dots[0]["success_rate_less_truth"] = -0.2  # against six equal ones
+    spearman = {row["score"]: row["spearman"] for row in correlate(dots)}["success_rate_less_truth"]
+    assert spearman == pytest.approx(spearmanr(range(7), [0, 1, 1, 1, 1, 1, 1])[0])
+
+
+def test_pearsons_correlation_is_with_the_metric_itself_where_a_dot_has_no_error():
+    (row,) = correlate(condition_dots({"eyes": method("eyes", (1.0, 0.8, 0.6, 0.45), (0.0, 0.1, 0.2, 0.02))}))
+    assert row["metric"] == "abs_rel" and not row["logarithmic"]
+    assert row["pearson"] == pytest.approx(pearsonr([0.0, 0.1, 0.2, 0.02], [1.0, 0.8, 0.6, 0.45])[0])
+    assert "by the logarithm |" not in correlation_table([row])
 
 
 def test_samples_that_hold_dots_several_times_have_the_correlation_of_the_long_list():

@@ -1,12 +1,13 @@
 import pytest
 
-from envs.comparison.report import compare_methods, comparison_table
-from envs.comparison.suite_results import DrivenMethod, in_track
+from envs.comparison.methods import DrivenMethod
+from envs.comparison.report import compare_methods, comparison_notes, comparison_table
+from envs.drives.metrics import newcombe_interval
 
 
 def driven(spls, condition="clear"):
     """A method that drove a condition; 0 for a drive that did not arrive."""
-    episodes = {(condition, course): {"success": spl > 0, "spl": spl} for course, spl in enumerate(spls)}
+    episodes = {(condition, course): {"success": spl > 0, "spl": spl, "code": "aa"} for course, spl in enumerate(spls)}
     return DrivenMethod("navigator", "eyes", episodes)
 
 
@@ -29,8 +30,11 @@ def test_the_differences_are_paired_by_course():
     assert low < -0.3 < high <= 0
     assert rows[0]["less"] is None
     assert rows[0]["success_interval"] == pytest.approx([0.30, 0.95], abs=0.01)  # Wilson's
-    low, high = rows[2]["success_interval"]  # by the bootstrap over the courses
-    assert low == 0.25 and high == 1.0
+    assert less["interval"] == list(newcombe_interval(2, 0, 1, 1))
+    assert {**rows[3], "condition": "clear"} == rows[1]  # of a single condition
+    both = (together(method, driven([1.0, 0.0, 1.0, 0.0], "storm")) for method in (TRUTH, EYES))
+    row = compare_methods(dict(zip("ab", both, strict=True)))[-1]
+    assert row["success_interval"] == [0.0, 1.0] and row["less"]["interval"] == [-0.375, 0.0]  # by the bootstrap
 
 
 def test_over_all_conditions_each_episode_counts_alike_and_courses_are_drawn_as_one():
@@ -51,13 +55,46 @@ def test_only_episodes_that_all_have_driven_count():
         compare_methods({"truth": TRUTH, "eyes": driven([1.0], "storm")})
 
 
-def test_a_difference_that_is_the_same_everywhere_has_no_interval():
+def test_a_difference_that_is_the_same_everywhere_has_no_interval_but_that_of_success_has():
     table = comparison_table(compare_methods({"first": driven([0.0] * 4), "a|b": driven([0.5] * 4)}))
-    assert "| clear | a\\|b | 4 | 100 % (51 to 100) | 0.500 | +100 points | +0.500 |" in table
+    assert "| clear | a\\|b | 4 | 100 % (51 to 100) | 0.500 | +100 points (+31 to +100) | +0.500 |" in table
     assert "The differences are those to first on the same courses" in table
+    two = [together(driven([spl] * 4), driven([spl] * 4, "storm")) for spl in (0.0, 0.5)]
+    assert "| all | b | 8 | 100 % | 0.500 | +100 points | +0.500 |" in comparison_table(
+        compare_methods(dict(zip("ab", two, strict=True)))
+    )
 
 
-def test_a_track_holds_what_it_fixes():
-    assert in_track("eyes", ("navigator", "sgbm")) and not in_track("eyes", ("straight", "sgbm"))
-    assert in_track("drivers", ("straight", "ground_truth")) and not in_track("drivers", ("navigator", "sgbm"))
-    assert in_track("both", ("straight", "sgbm"))
+def test_a_single_course_has_no_interval_by_the_bootstrap():
+    one = [together(driven([spl]), driven([1.0], "storm")) for spl in (0.0, 0.5)]
+    table = comparison_table(compare_methods(dict(zip("ab", one, strict=True))))
+    only = "(one course only)"
+    assert f"| clear | b | 1 | 100 % (21 to 100) | 0.500 {only} | +100 points (-12 to +100) | +0.500 {only} |" in table
+    assert f"| all | b | 2 | 100 % {only} | 0.750 {only} | +50 points {only} | +0.250 {only} |" in table
+
+
+def test_episodes_that_a_method_lacks_are_counted():
+    methods = {"truth": together(TRUTH, driven([1.0], "storm")), "eyes": driven([0.7, 0.0])}
+    first, *_ = comparison_notes(methods)
+    assert first == "Compared on 2 episodes that all methods have driven; others left out: 3 (eyes lacks 3)."
+    first, *_ = comparison_notes({"truth": TRUTH, "eyes": EYES})
+    assert first == "Compared on 4 episodes that all methods have driven; others left out: 0."
+
+
+def test_conditions_of_unequal_weight_are_reported():
+    unequal = {"truth": together(TRUTH, driven([1.0], "storm"))}
+    (note,) = [note for note in comparison_notes(unequal) if "weighs" in note]
+    assert note.startswith("The conditions have 1 to 4 courses each, and the row `all` weighs each condition by its")
+    equal = {"truth": together(TRUTH, driven([1.0] * 4, "storm"))}
+    assert not any("weighs" in note for note in comparison_notes(equal))
+
+
+def test_what_drove_a_method_is_reported():
+    method = DrivenMethod("navigator", "m3depth", TRUTH.episodes, {"m3depth": "e2184584" * 8}, "openvino 2026.4.1")
+    assert comparison_notes({"eyes": method})[-1] == (
+        "eyes: driven by code aa, in openvino 2026.4.1, m3depth with SHA-256 e2184584e218."
+    )
+    mixed = {key: {**episode, "code": "bb" if key[1] else ""} for key, episode in TRUTH.episodes.items()}
+    assert comparison_notes({"eyes": DrivenMethod("navigator", "eyes", mixed)})[-1] == (
+        "eyes: driven by different states of the code (3 episodes by bb, 1 episode by an unknown state)."
+    )

@@ -2,10 +2,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest
+from scipy.stats import binomtest, multinomial
 
 from envs.drives.episodes import EpisodeRecord
-from envs.drives.metrics import best_and_worst, paired_difference, soft_spl, spl, summarise, wilson_interval
+from envs.drives.metrics import (
+    best_and_worst,
+    newcombe_interval,
+    paired_difference,
+    soft_spl,
+    spl,
+    summarise,
+    wilson_interval,
+)
+from m3depth.evaluation.bootstrap import interval, resampled_means
 
 
 def record(outcome="goal", **changes):
@@ -42,6 +51,49 @@ def test_no_trials_are_refused():
         wilson_interval(0, 0)
     with pytest.raises(ValueError, match="episode"):
         summarise([])
+
+
+@pytest.mark.parametrize(
+    ("counts", "bounds"),
+    [
+        ((36, 12, 2, 0), (0.0569, 0.3404)),  # Newcombe 1998
+        ((1, 1, 7, 12), (-0.507, -0.026)), ((59, 6, 16, 80), (-0.1186, -0.0046)),  # Fagerland, Lydersen, Laake 2017
+    ],
+)  # fmt: skip
+def test_the_interval_of_paired_success_rates_is_the_published_one(counts, bounds):
+    digits = max(len(str(value).partition(".")[2]) for value in bounds)
+    assert [round(value, digits) for value in newcombe_interval(*counts, z=1.959964)] == list(bounds)
+    both, first, second, neither = counts
+    low, high = newcombe_interval(both, second, first, neither)  # of the other difference
+    assert (-high, -low) == pytest.approx(bounds, abs=6e-4)
+
+
+def test_without_courses_that_differ_the_interval_shrinks_with_their_number():
+    for n in (1, 20, 2000):
+        low, high = newcombe_interval(n, 0, 0, 0)
+        assert high == pytest.approx(-low) == pytest.approx(1.96**2 / (n + 1.96**2))
+    assert newcombe_interval(0, 0, 0, 20) == pytest.approx(newcombe_interval(20, 0, 0, 0))
+    with pytest.raises(ValueError, match="trial"):
+        newcombe_interval(0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("chances", [(0.8, 0.05, 0.1, 0.05), (0.7, 0.02, 0.18, 0.1), (0.9, 0.02, 0.05, 0.03)])
+def test_with_twenty_courses_the_interval_covers_the_truth_and_the_bootstrap_does_not(chances):
+    """Over all tables that are likely enough to count."""
+    n, truth, newcombe, bootstrap = 20, chances[1] - chances[2], 0.0, 0.0
+    of_gains = {}
+    for first in range(10):
+        for second in range(12):
+            gains = np.array([1.0] * first + [-1.0] * second + [0.0] * n)[:n]
+            of_gains[first, second] = interval(resampled_means(gains, draws=1000))
+            for neither in range(n + 1 - first - second):
+                counts = (n - first - second - neither, first, second, neither)
+                chance = multinomial.pmf(counts, n, chances)
+                low, high = newcombe_interval(*counts)
+                newcombe += chance * (low <= truth <= high)
+                low, high = of_gains[first, second]
+                bootstrap += chance * (low - 1e-9 <= truth <= high + 1e-9)
+    assert newcombe > 0.93 > 0.91 > bootstrap
 
 
 def test_summary_of_four_drives():
@@ -84,9 +136,11 @@ def test_the_paired_difference_is_of_the_same_episodes():
     summary = paired_difference(first, second)
     assert summary["difference"] == pytest.approx(0.3) and summary["episodes"] == 10
     low, high = summary["interval"]
-    assert 0 <= low < 0.3 < high <= 0.7  # three of ten differ: the binomial interval is 7 to 65 %
+    assert [low, high] == list(newcombe_interval(5, 3, 0, 2)) and low < 0.3 < high
     same = paired_difference(first, first)
-    assert (same["difference"], same["interval"], same["spl_interval"]) == (0.0, [0.0, 0.0], [0.0, 0.0])
+    assert (same["difference"], same["spl_interval"]) == (0.0, [0.0, 0.0])
+    low, high = same["interval"]
+    assert low == pytest.approx(-high) and high > 0.1  # that ten courses are alike does not say that all are
     with pytest.raises(ValueError, match="same episodes"):
         paired_difference(first, second[1:])
 
@@ -96,7 +150,7 @@ def test_detours_differ_in_spl_where_success_does_not():
     first = [record(episode=n, path_length=25.0 if n == 0 else 12.5) for n in range(10)]
     second = [record(episode=n, path_length=12.5 if n == 0 else 25.0) for n in range(10)]
     summary = paired_difference(first, second)
-    assert summary["difference"] == 0 and summary["interval"] == [0.0, 0.0]
+    assert summary["difference"] == 0 and summary["courses"] == 10
     assert summary["spl_difference"] == pytest.approx(0.4 * 0.8)
     low, high = summary["spl_interval"]
     assert 0 < low < 0.32 < high <= 0.4 + 1e-9
@@ -107,18 +161,21 @@ def test_pairing_is_worth_something():
     hard = [record("goal" if n % 2 else "collision", episode=n) for n in range(40)]
     other = [record("goal" if n % 2 or n == 0 else "collision", episode=n) for n in range(40)]
     low, high = paired_difference(other, hard)["interval"]
-    assert high - low < 0.1 < np.diff(wilson_interval(20, 40))
+    assert high - low < 0.2 < np.diff(wilson_interval(20, 40))
 
 
 def test_courses_of_one_seed_in_several_cells_count_as_one():
-    """Drives that repeat themselves on every slope tell no more than those of one slope."""
-    first = [record("goal" if n % 3 else "collision", episode=n, cell=c) for n in range(30) for c in "ab"]
-    second = [record("goal" if n % 2 else "collision", episode=n, cell=c) for n in range(30) for c in "ab"]
-    both = paired_difference(first, second)
+    """Drives that repeat themselves on every slope tell no more than those of fewer slopes."""
+    first = [record("goal" if n % 3 else "collision", episode=n, cell=c) for n in range(30) for c in "abcd"]
+    second = [record("goal" if n % 2 else "collision", episode=n, cell=c) for n in range(30) for c in "abcd"]
+    four = paired_difference(first, second)
+    two = paired_difference(*[[r for r in records if r.cell in "ab"] for records in (first, second)])
+    assert (four["episodes"], two["episodes"], four["courses"], two["courses"]) == (120, 60, 30, 30)
+    assert four["difference"] == pytest.approx(two["difference"]) and two["interval"][0] < two["interval"][1]
+    np.testing.assert_allclose(four["interval"], two["interval"])
     one = paired_difference(*[[r for r in records if r.cell == "a"] for records in (first, second)])
-    assert (both["episodes"], one["episodes"]) == (60, 30)
-    assert both["difference"] == pytest.approx(one["difference"]) and one["interval"][0] < one["interval"][1]
-    np.testing.assert_allclose(both["interval"], one["interval"])
+    np.testing.assert_allclose(one["spl_interval"], two["spl_interval"])
+    assert one["interval"] == list(newcombe_interval(10, 10, 5, 5))
 
 
 def test_failures_are_classed_as_for_enav_and_near_misses_counted():

@@ -12,6 +12,8 @@ from envs.drives.metrics import FAILURES, summarise
 from envs.drives.plots import plot_success, pool_by
 from envs.drives.report import (
     NO_INTERVAL,
+    ONE_COURSE,
+    bounds,
     differences,
     errors_beside,
     looks_without_depth,
@@ -77,8 +79,8 @@ def test_looks_without_any_depth_are_reported():
 
 
 DIFFERENCE = {
-    "driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 40, "difference": -0.35,
-    "interval": [-0.5, -0.2], "spl_difference": -0.281, "spl_interval": [-0.4, -0.1],
+    "driver": "straight", "perception": "p", "less": ["navigator", "p"], "episodes": 40, "courses": 20,
+    "difference": -0.35, "interval": [-0.5, -0.2], "spl_difference": -0.281, "spl_interval": [-0.4, -0.1],
 }  # fmt: skip
 
 
@@ -96,6 +98,20 @@ def test_an_interval_without_width_is_not_shown_as_certainty():
         [{**DIFFERENCE, "difference": 0.0, "interval": [0.0, 0.0], "spl_interval": [0.0, 0.0]}]
     ).splitlines()
     assert line.endswith(f", SPL -0.28 (success and SPL: {NO_INTERVAL})")
+    (line,) = differences([{**DIFFERENCE, "courses": 1, "spl_interval": [0.0, 0.0]}]).splitlines()
+    assert line.endswith(f", SPL -0.28 (SPL: {ONE_COURSE})")
+
+
+def test_names_do_not_break_out_of_a_cell():
+    row = {**ROW, "driver": "a|b", "perception": "<i>"}
+    assert "| a\\|b | \\<i> | 0.07 |" in table([row])
+    assert differences([{**DIFFERENCE, "perception": "<i>"}]).startswith("straight, \\<i> less navigator, p, paired")
+    assert "\\<i> gave no depth" in looks_without_depth([replace(DRIVE, perception="<i>", blind=3)])
+    assert errors_beside({"<i>": 0.1}, [replace(DRIVE, perception="<i>")]).startswith("\\<i>: Abs Rel")
+
+
+def test_an_interval_is_shown_in_the_units_of_its_value():
+    assert bounds([-0.5, 0.25], 100, "+.0f") == " (-50 to +25)" and bounds((0.5, 0.5), 1, ".2f") == ""
 
 
 def outcome_colour(name):

@@ -1,0 +1,175 @@
+"""The methods of several files of results: parts of one evaluation are one method, others stay apart."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from envs.comparison.suite_results import Episodes, Key, Method, SuiteResults
+from envs.world.perception import GROUND_TRUTH
+from marssim.base.files.json_file import DatasetError
+
+FIXED_DRIVER = "navigator"  # the driver of the track "eyes"
+
+
+@dataclass(frozen=True)
+class DrivenMethod:
+    """A driver with a perception, and its episodes."""
+
+    driver: str
+    """Name of the driver."""
+    perception: str
+    """Name of the perception."""
+    episodes: Episodes
+    """Its episodes."""
+    weights: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of the weights or the code of its driver and its perception by their names, where they have a file."""
+    runtime: str | None = None
+    """Name and version of the program that ran M3Depth in its files; None where it did not run."""
+
+
+def in_track(track: str, method: Method) -> bool:
+    """Return whether a method competes on a track.
+
+    Args:
+        track: "eyes", where the navigator drives and only the perception counts; "drivers", where all see true depth;
+            or "both", which is open to all.
+        method: Driver and perception.
+    """
+    driver, perception = method
+    return {"eyes": driver == FIXED_DRIVER, "drivers": perception == GROUND_TRUTH, "both": True}[track]
+
+
+def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, DrivenMethod]:
+    """Return every method on a track, by a label that is its own, in the order of the files.
+
+    A method in parts of one evaluation is one method: parts of the same suite, conditions, number of courses and
+    number of parts, driven with the same weights and in the same program, none of which has an episode of another.
+    Where they have, parts that the same code drove belong together. What belongs together does not depend on the order
+    of the files. A method that remains in several files is labelled with the folder of each.
+
+    Raises:
+        DatasetError: Parts of several evaluations are there, and nothing tells which belong together.
+    """
+    holders: dict[Method, list[SuiteResults]] = {}
+    place: dict[tuple[Method, Hashable], tuple[int, int]] = {}
+    for n, file in enumerate(files):
+        for k, method in enumerate(file.episodes):
+            if in_track(track, method):
+                holders.setdefault(method, []).append(file)
+                place[method, id(file)] = (n, k)
+    entries = [(method, parts) for method, holding in holders.items() for parts in _evaluations(method, holding)]
+    entries.sort(key=lambda entry: place[entry[0], id(entry[1][0])])
+    number = Counter(method for method, _ in entries)
+    out: dict[str, DrivenMethod] = {}
+    for method, parts in entries:
+        path = parts[0].path
+        label = ", ".join(method) + (f" ({path.parent.name or path})" if number[method] > 1 else "")
+        if label in out:
+            label = f"{', '.join(method)} ({path})"
+        episodes = {key: episode for part in parts for key, episode in part.episodes[method].items()}
+        runtime = fullest_runtime(part.runtime for part in parts)
+        out[label] = DrivenMethod(*method, episodes, _digests(method, parts[0]), runtime)
+    return out
+
+
+def shared_episodes(methods: Mapping[str, DrivenMethod]) -> list[Key]:
+    """Return the episodes that all methods have driven, in the order of the first one.
+
+    Raises:
+        ValueError: There is none.
+    """
+    first, *others = (method.episodes for method in methods.values())
+    shared = [key for key in first if all(key in other for other in others)]
+    if not shared:
+        raise ValueError("the methods have no episode in common, so nothing can be compared")
+    return shared
+
+
+def fullest_runtime(runtimes: Iterable[str | None]) -> str | None:
+    """Return the record of a program that all records are of; None if no record names one.
+
+    A record may leave out its last words: those of earlier versions lack device and precision.
+
+    Args:
+        runtimes: Such as "openvino 2026.4.1" and "openvino 2026.4.1 cpu bf16", or None where M3Depth did not run.
+
+    Raises:
+        ValueError: They are of two programs; the message names both.
+    """
+    fullest: list[str] = []
+    for runtime in runtimes:
+        words = (runtime or "").split()
+        if words[: len(fullest)] != fullest[: len(words)]:
+            raise ValueError(f"{' '.join(words)} is not {' '.join(fullest)}")
+        fullest = max(fullest, words, key=len)
+    return " ".join(fullest) or None
+
+
+def _evaluations(method: Method, files: Sequence[SuiteResults]) -> list[list[SuiteResults]]:
+    """Return the files that hold a method, those of one evaluation together."""
+    groups = [[file] for file in files if file.part is None]
+    for parts in _by(
+        lambda file: json.dumps([file.part, _digests(method, file)], sort_keys=True),
+        [file for file in files if file.part is not None],
+    ):
+        for alike in [parts] if _is_one_program(parts) else _by(lambda file: file.runtime, parts):
+            if _overlapping(method, alike) is None:
+                groups.append(alike)
+            else:
+                for same in _by(lambda file: _codes(method, file), alike):
+                    groups += _unambiguous(method, same)
+    return groups
+
+
+def _unambiguous(method: Method, parts: list[SuiteResults]) -> list[list[SuiteResults]]:
+    """Return parts that nothing but their episodes tells apart, those of one evaluation together."""
+    pair = _overlapping(method, parts)
+    if pair is None:
+        return [parts]
+    if len({frozenset(part.episodes[method]) for part in parts}) == 1:  # one part, driven several times
+        return [[part] for part in parts]
+    one, other = pair
+    raise DatasetError(
+        f"{other.path}: holds episodes of {', '.join(method)} that {one.path} holds too, and nothing tells which parts "
+        "belong together; join those of each evaluation first (python -m envs.join)"
+    )
+
+
+def _by(key: Callable[[SuiteResults], Hashable], files: Iterable[SuiteResults]) -> list[list[SuiteResults]]:
+    """Return files with the same key together."""
+    groups: dict[Hashable, list[SuiteResults]] = {}
+    for file in files:
+        groups.setdefault(key(file), []).append(file)
+    return list(groups.values())
+
+
+def _overlapping(method: Method, files: Sequence[SuiteResults]) -> tuple[SuiteResults, SuiteResults] | None:
+    """Return two files that hold the same episode of a method; None if there are none."""
+    holder: dict[Key, SuiteResults] = {}
+    for file in files:
+        for key in file.episodes[method]:
+            if key in holder:
+                return holder[key], file
+            holder[key] = file
+    return None
+
+
+def _is_one_program(files: Iterable[SuiteResults]) -> bool:
+    try:
+        fullest_runtime(file.runtime for file in files)
+    except ValueError:
+        return False
+    return True
+
+
+def _digests(method: Method, file: SuiteResults) -> dict[str, str]:
+    """Return the digests of a method's driver and perception, where they have one."""
+    return {name: file.weights[name] for name in method if name in file.weights}
+
+
+def _codes(method: Method, file: SuiteResults) -> frozenset[str]:
+    """Return the states of the sources that drove a method's episodes."""
+    return frozenset(episode.get("code", "") for episode in file.episodes[method].values())
