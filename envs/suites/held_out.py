@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 
 from envs.suites.suite import Suite
+from marssim.base.command.wording import counted
 
 SPLIT = "held_out"  # name of the split
 SHORTEST = 16  # characters of a passphrase, so that trying them all takes too long
@@ -47,8 +48,8 @@ def held_out_seed(suite: Suite, courses: int, passphrase: str, published: str) -
     digest = published_digest(suite, courses, passphrase)
     if digest != published.strip().lower():
         raise ValueError(
-            f"`published` must be the digest of this passphrase, of {courses} courses and of this file of {suite.name}, "
-            f"{digest}, got {published!r}"
+            f"`published` must be the digest of this passphrase, of {counted(courses, 'course')} and of this file of "
+            f"{suite.name}, {digest}, got {published!r}"
         )
     return int(_digest(suite, courses, "courses", passphrase)[:16], 16)
 

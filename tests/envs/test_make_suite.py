@@ -25,7 +25,7 @@ def test_a_held_out_split_is_drawn_from_its_passphrase(small_suite, passphrase, 
     out = tmp_path / "held_out.json"
     draw = ["--out", str(out), "--published"]
     assert main([*held_out, "1", *draw, "0" * 64]) == 2 and not out.exists()
-    assert "--published must be the digest of this passphrase, of 1 courses" in capsys.readouterr().err
+    assert "--published must be the digest of this passphrase, of 1 course and of " in capsys.readouterr().err
     assert main([*held_out, "2", *draw, digest]) == 2 and not out.exists()
     assert main([*held_out, "1", *draw, digest]) == 0
     drawn, suite = load_suite(str(out)), load_suite(str(small_suite))

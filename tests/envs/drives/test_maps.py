@@ -12,8 +12,9 @@ DRIVE = EpisodeRecord(
 
 
 @pytest.mark.parametrize(
-    "name", ["k0.1-slope0-0.png", "conditionstorm-0.png", "conditionmy.storm-v2-11.png", "conditionstorm-k0.1-slope0-1.png"]
-)  # fmt: skip
+    "name",
+    ["k0.1-slope0-0.png", "conditionstorm-0.png", "conditionmy.storm-v2-11.png", "conditionstorm-k0.1-slope0-1.png"],
+)
 def test_pages_of_earlier_records_are_deleted_and_other_files_stay(tmp_path, name):
     for file in (name, "notes.png", f"my-{name}"):
         (tmp_path / file).touch()

@@ -122,7 +122,7 @@ def test_a_record_without_device_and_precision_goes_on_as_it_is(tmp_path, monkey
     monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_: next(runtimes))
     with folder.claim(runtime="openvino 1.0"):
         assert noted_runtime(folder, ("m3depth",), "auto") == "openvino 1.0"
-        with pytest.raises(DatasetError, match="in openvino 1.0, not in openvino 1.1 cpu bf16"):
+        with pytest.raises(DatasetError, match=r"in openvino 1\.0, not in openvino 1\.1 cpu bf16"):
             noted_runtime(folder, ("m3depth",), "auto")
         folder.note(runtime=3)
         with pytest.raises(DatasetError, match=r"evaluate\.json: runtime must be text, got 3"):

@@ -79,7 +79,7 @@ def test_true_depth_has_the_pixels_of_the_eyes():
         (lambda c: c["conditions"]["clear"].update(scene=["a"]), "conditions, clear: scene must be a preset or .*'a'"),
         (lambda c: c["conditions"]["clear"].update(scene="nowhere"), "conditions, clear: scene nowhere: no preset"),
         (lambda c: c["conditions"]["clear"].update(k="x"), "conditions, clear: k must lie in .*, got 'x'"),
-        (lambda c: c["conditions"]["clear"].update(optical_depth="x"), "clear: optical_depth must be a number, got 'x'"),
+        (lambda c: c["conditions"]["clear"].update(optical_depth="x"), "optical_depth must be a number, got 'x'"),
         (lambda c: c["conditions"]["clear"].update(optical_depth=None), "optical_depth must be a number, got None"),
         (lambda c: c["conditions"]["clear"].update(drifts=[1]), r"clear: drifts must be a number, got \[1\]"),
         (lambda c: c["episodes"].append(c["episodes"][0]), "course 0 of dev, clear, is there twice"),
