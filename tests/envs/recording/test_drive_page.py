@@ -40,7 +40,7 @@ def test_a_page_asks_for_nothing_outside_itself(crash):
 
 
 @pytest.mark.parametrize("words", ["</script><script>alert(1)</script>", "<img src=x onerror=alert(1)>", "%%script%%"])
-def test_words_of_a_stranger_are_no_markup(tmp_path, words):
+def test_words_of_a_record_are_no_markup(tmp_path, words):
     drive = drive_of(tmp_path / "a.zip", [step(reason=words), step(outcome=words)], outcome=words)
     drive.content["episode"]["driver"] = words
     page = drive_page([drive])
@@ -50,7 +50,7 @@ def test_words_of_a_stranger_are_no_markup(tmp_path, words):
 
 
 @pytest.mark.parametrize("outcome", ["collision", "elsewhere"])
-def test_any_value_of_a_foreign_record_is_shown_or_refused_in_one_line(tmp_path, outcome):
+def test_any_changed_value_of_a_record_is_shown_or_refused_in_one_line(tmp_path, outcome):
     """Each number and word of drive.json in turn becomes something else."""
     motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 0.2, None))
     text = json.dumps(content([step(candidates=motions, chosen=0), step(x=9.0)], outcome=outcome))

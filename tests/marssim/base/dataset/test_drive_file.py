@@ -129,7 +129,7 @@ def test_a_wrong_value_is_named_in_one_line(file, keys, value, fault):
     (lambda path: rewritten(path, lambda data: b"<svg>", "left/0000.jpg"), "left/0000.jpg is no JPEG file"),
     (lambda path: rewritten(path, lambda data: b"GIF", "depth/0000.png"), "depth/0000.png is no PNG file"),
 ])  # fmt: skip
-def test_a_broken_or_foreign_file_is_refused_in_one_line(file, damage, fault):
+def test_a_file_that_is_broken_or_holds_something_else_is_refused_in_one_line(file, damage, fault):
     damage(file)
     with pytest.raises(DatasetError) as error:
         read_drive(file)
