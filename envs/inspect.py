@@ -55,8 +55,8 @@ def read_drives(config: InspectConfig) -> dict[Path, EpisodeRecord]:
         return records
     courses = {_course(record) for record in records.values() if record.outcome == config.outcome}
     if not courses:
-        found = ", ".join(sorted({record.outcome for record in records.values()}))
-        raise ValueError(f"--outcome {config.outcome}: no drive ended so; they ended as {found}")
+        outcomes = ", ".join(sorted({record.outcome for record in records.values()}))
+        raise ValueError(f"--outcome {config.outcome}: no drive ended so; they ended as {outcomes}")
     return {file: record for file, record in records.items() if _course(record) in courses}
 
 

@@ -4,8 +4,9 @@
     python -m envs.make_suite --held-out marsnav-v1 --passphrase-file secret.txt
     python -m envs.make_suite --held-out marsnav-v1 --passphrase-file secret.txt --published DIGEST --out held_out.json
 
-The first command makes a suite with the splits dev and test. The second prints the digest of a passphrase, to publish
-before a challenge. The third draws the courses of the held-out split, which nobody could know before.
+The first command makes a suite with the splits dev and test. The second prints the digest of a passphrase, of the
+suite's file and of --courses, to publish before a challenge. The third draws the courses of the held-out split, which
+nobody could know before. It refuses a digest of another passphrase, of another file or of another number of courses.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ class MakeSuiteConfig:
     """Suite, by name or file, whose conditions a held-out split takes over. Needs --passphrase-file."""
     passphrase_file: Path | None = None
     """Text file with the passphrase that the held-out courses follow from. Without --published, the command prints the
-    passphrase's digest, which is to be published first, and draws nothing."""
+    digest of passphrase, suite and --courses, which is to be published first, and draws nothing."""
     published: str | None = None
-    """The digest that was published. The passphrase must be that of the digest."""
+    """The digest that was published. Passphrase, suite and --courses must be those of the digest."""
 
     def __post_init__(self) -> None:
         check_least(self, courses=1)
@@ -69,7 +70,7 @@ def write_suite(config: MakeSuiteConfig) -> Path:
 
     Raises:
         DatasetError: The suite of --held-out cannot be read.
-        ValueError: The file exists, or the passphrase is not that of the digest.
+        ValueError: The file exists; or passphrase, suite and number of courses are not those of the digest.
     """
     assert config.out is not None
     if config.out.exists():
@@ -81,7 +82,7 @@ def write_suite(config: MakeSuiteConfig) -> Path:
         conditions = {key: values for key, values in suite_conditions().items() if key in config.condition}
     else:
         suite = load_suite(config.held_out)
-        seed = held_out_seed(suite.name, _passphrase(config), config.published or "")
+        seed = held_out_seed(suite, config.courses, _passphrase(config), config.published or "")
         name, splits = f"{suite.name}-held-out", {SPLIT: {"seed": seed, "courses": config.courses}}
         conditions, drive = dict(suite.conditions), {"drive": suite.drive}
     number = config.courses * len(splits) * len(conditions)
@@ -103,7 +104,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: MakeSuiteConfig) -> None:
     if config.held_out is not None and config.published is None:
-        print(published_digest(load_suite(config.held_out).name, _passphrase(config)))
+        print(published_digest(load_suite(config.held_out), config.courses, _passphrase(config)))
         return
     file = write_suite(config)
     suite = load_suite(str(file))

@@ -6,7 +6,8 @@
 
 A page is one HTML file that opens from the disk, asks the network for nothing, and can be sent to a colleague.
 envs.evaluate --record writes the pages itself, and links them from OUT/results.html. With a folder, this command writes
-them again; with one drive, its page; with two, a page with both side by side, in step by time or by the way driven.
+them again; with one drive, its page; with two of one course, a page with both side by side, in step by time or by the
+way driven.
 """
 
 from __future__ import annotations
@@ -17,14 +18,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 
 from envs.recording.drive_page import DRIVES, drive_page
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
-from marssim.base.dataset.drive_file import read_drive
+from marssim.base.dataset.drive_file import DriveFile, read_drive
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError
+
+SAME_COURSE = 0.1  # [m] by which start, goal and shortest way of two drives of one course may differ, as in drive.js
 
 
 @dataclass(frozen=True)
@@ -48,14 +52,17 @@ def report(config: ReportConfig) -> list[Path]:
 
     Raises:
         DatasetError: A drive is missing or broken, or a folder holds none.
-        ValueError: A folder is given beside something else.
+        ValueError: A folder is given beside something else, or two drives are of different courses.
     """
     first = config.drives[0]
     if not first.is_dir():
         out = config.out or first.with_suffix(".html")
         if out in config.drives:
             raise ValueError(f"--out {out}: is a drive; name another page")
-        write_atomically(out, drive_page([read_drive(path) for path in config.drives]))
+        drives = [read_drive(path) for path in config.drives]
+        if difference := _difference_of_courses(drives[0], drives[-1]):
+            raise ValueError(f"{first} and {config.drives[-1]} are drives of different courses: {difference}")
+        write_atomically(out, drive_page(drives))
         return [out]
     if len(config.drives) == 2 or config.out is not None:
         raise ValueError(f"{first}: is a folder, whose pages lie beside its drives; give it alone, without --out")
@@ -65,6 +72,28 @@ def report(config: ReportConfig) -> list[Path]:
     for path in files:
         write_atomically(path.with_suffix(".html"), drive_page([read_drive(path)]))
     return [path.with_suffix(".html") for path in files]
+
+
+def _difference_of_courses(a: DriveFile, b: DriveFile) -> str | None:
+    """Return in what the courses of two drives differ, in words; None if they are of one course."""
+    one, other = a.content["episode"], b.content["episode"]
+    ways = [np.array(each["shortest_path"], float).reshape(-1, 2) for each in (one, other)]
+    if (gap := _distance(one["goal"], other["goal"])) > SAME_COURSE:
+        return f"their goals are {gap:.1f} m apart"
+    if len(one["obstacles"]) != len(other["obstacles"]):
+        return f"they have {len(one['obstacles'])} and {len(other['obstacles'])} rocks that block"
+    if not all(map(len, ways)):
+        return "only one has a shortest way" if any(map(len, ways)) else None
+    if (gap := _distance(ways[0][0], ways[1][0])) > SAME_COURSE:
+        return f"their starts are {gap:.1f} m apart"
+    lengths = [float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways]
+    if abs(lengths[0] - lengths[1]) > SAME_COURSE:
+        return f"their shortest ways are {lengths[0]:.1f} and {lengths[1]:.1f} m long"
+    return None
+
+
+def _distance(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) -> float:
+    return float(np.hypot(*np.subtract(a, b)))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -89,8 +89,8 @@ class CourseConfig:
         if not isinstance(options, dict):
             raise ValueError(f"options must be a dict, got {options!r}")
         if unknown := options.keys() - vars(self).keys():
-            known = ", ".join(vars(self))
-            raise ValueError(f"reset option {', '.join(sorted(map(str, unknown)))} is unknown; choose from {known}")
+            choices = ", ".join(vars(self))
+            raise ValueError(f"reset option {', '.join(sorted(map(str, unknown)))} is unknown; choose from {choices}")
         return replace(self, **options)
 
 

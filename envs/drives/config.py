@@ -14,7 +14,7 @@ from envs.courses.course import CourseConfig
 from envs.drivers.by_name import check_driver_name
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.place_note import place_note
-from envs.suites.conditions import condition_values, with_look
+from envs.suites.conditions import CONDITIONS, condition_values, with_look
 from envs.suites.suite import suite_note
 from envs.world.arguments import ERROR_LIMITS
 from envs.world.eyes import EyesConfig
@@ -33,6 +33,10 @@ LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
 MOST_BYTES = 120  # of the names of driver and perception in the name of a record's file
+CONDITION_HELP = (
+    f"Conditions to drive under, each a physical cause by name: {', '.join(CONDITIONS)} (envs.suites.conditions). "
+    "Their values replace those of the other flags. With --suite: some of its conditions; left out, all of them."
+)
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)  # rock abundances of --grid
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)  # [deg] slopes of --grid
 
@@ -81,11 +85,7 @@ class EvaluateConfig:
     """Put the sun over the goal, as seen from the start. Else its direction is drawn."""
     ditch: bool = False
     """Cut a ditch across the straight way to the goal, which the rover has to drive round."""
-    condition: tuple[str, ...] = ()
-    """Conditions to drive under, each a physical cause by name: clear, smooth_dust, low_sun, into_sun, storm,
-    dusty_lens, warm_rig, compressed, half_pixels, dense_rocks, ledges, ditch, far_goal, rare_looks
-    (envs.suites.conditions). Their values replace those of the other flags. With --suite: some of its conditions; left
-    out, all of them."""
+    condition: Annotated[tuple[str, ...], tyro.conf.arg(help=CONDITION_HELP)] = ()
     suite: str | None = None
     """Suite of episodes to drive: the name of one in the package (marsnav-v1), or the JSON file of one. It fixes the
     courses and the conditions, and refuses a simulator that builds other scenes."""

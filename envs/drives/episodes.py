@@ -272,8 +272,8 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
 
 
 def _mean(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
+    numbers = [value for value in values if value is not None]
+    return float(np.mean(numbers)) if numbers else None
 
 
 def _relief(scene: Scene) -> list[list[float]]:

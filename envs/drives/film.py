@@ -143,10 +143,10 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
         cells = navigator.map.cell_of(np.stack([x, y], axis=-1))
         inside = np.all((cells >= 0) & (cells < navigator.map.n), axis=-1)
         c, r = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-        known = inside & ground.known[r, c]
+        judged = inside & ground.known[r, c]
         cost = np.clip(np.nan_to_num(ground.cost[r, c], posinf=1e3) / 4, 0, 1)[..., None]
         free, costly = np.array([120, 150, 110]), np.array([225, 180, 90])
-        canvas[known] = (free + (costly - free) * cost)[known].astype(np.uint8)
+        canvas[judged] = (free + (costly - free) * cost)[judged].astype(np.uint8)
         canvas[inside & ground.blocked[r, c]] = (190, 60, 60)
         for xy in navigator.planner.field.path(middle, MAP_METRES):
             cv2.circle(canvas, pixel(xy), 1, (240, 240, 240), -1, cv2.LINE_AA)

@@ -33,7 +33,7 @@ PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and least width of a page
 AROUND = 5.0  # [m] shown before the start and behind the goal
 ASIDE = 8.0  # [m] shown to either side, or more if a drive went farther
 VALUES = r"k(preset|[\d.e+-]+)-slope(preset|[\d.e+-]+)"
-PAGE = re.compile(rf"({VALUES}|condition\w+(-{VALUES})?)-\d+\.png")  # names of the pages
+PAGE = re.compile(rf"({VALUES}|condition[\w.-]+)-\d+\.png")  # names of the pages
 
 
 def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:

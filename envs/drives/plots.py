@@ -46,10 +46,10 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
             at = [(k or 0.0) + 0.0008 * aside for k in pooled]
         _bars(by_k, at, list(pooled.values()), colour, label, line=not by_condition)
         for by_error in others:
-            known = [r for r in rows if r["abs_rel"] is not None]
-            points = [(r["success_rate"], r["episodes"]) for r in known]
-            _bars(by_error, [r["abs_rel"] for r in known], points, colour, label, line=False)
-            if known and test_set and group[1] in test_set:
+            scored = [r for r in rows if r["abs_rel"] is not None]
+            points = [(r["success_rate"], r["episodes"]) for r in scored]
+            _bars(by_error, [r["abs_rel"] for r in scored], points, colour, label, line=False)
+            if scored and test_set and group[1] in test_set:
                 by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
     if by_condition:
         by_k.set(title="by condition")

@@ -9,10 +9,10 @@ from typing import Any
 
 from envs.drives.episodes import EpisodeRecord
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_schema import LARGEST
 
 DELETE_TO_REPEAT = "; delete the file to drive this episode again"
 NUMBER = "a number of 0 or more"
-LARGEST = 1e300  # numbers beyond count as infinite
 WIDTHS = {"track": 2, "shortest_path": 2, "obstacles": 3}  # numbers in a row of these fields
 
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from m3depth.estimator import EstimatorName
-from m3depth.runtimes.choice import recorded_runtime
+from m3depth.runtimes.choice import recorded_runtime, same_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 
 WEIGHTS = "weights"  # key in the settings file: SHA-256 by the name of a perception or driver
-RUNTIME = "runtime"  # key in the settings file: name and version of the program that ran M3Depth
+RUNTIME = "runtime"  # key in the settings file: what ran M3Depth, as recorded_runtime returns it
 
 
 def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
@@ -46,7 +46,10 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
 
 
 def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> str | None:
-    """Check that M3Depth ran in the same program in the episodes of a claimed folder, and note that of today.
+    """Check that M3Depth ran in the same runtime in the episodes of a claimed folder, and note that of today.
+
+    A folder of an earlier release has program and version alone. It keeps that record, as nobody knows on which device
+    and in which precision its first episodes were driven.
 
     Args:
         folder: The evaluation's folder, claimed.
@@ -54,16 +57,21 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
         wanted: The runtime that the user asks for, as chosen_runtime takes it.
 
     Returns:
-        Name and version; None where M3Depth drove none of the episodes.
+        The record of the folder; None where M3Depth drove none of the episodes.
 
     Raises:
-        DatasetError: M3Depth drove episodes in another program or version; the message names both.
+        DatasetError: M3Depth drove episodes in another program, version or precision, or on another kind of device; the
+            message names both. Or the folder's file of settings holds no such record.
     """
-    previous: str | None = read_json(folder.mark_path).get(RUNTIME)
+    previous = read_json(folder.mark_path).get(RUNTIME)
+    if not (previous is None or isinstance(previous, str)):
+        raise DatasetError(f"{folder.mark_path}: {RUNTIME} must be text, got {previous!r:.60}")
     runtime = recorded_runtime(names, wanted)
     if runtime is None:
         return previous
-    if previous not in (None, runtime):
+    if previous is not None:
+        if same_runtime(previous, runtime):
+            return previous
         raise DatasetError(
             f"{folder.mark_path}: m3depth drove these episodes in {previous}, not in {runtime}; choose another "
             "--out or --runtime"

@@ -56,7 +56,7 @@ class MapView:
         )
         x, y = np.moveaxis(self.map.cell_of(xy), -1, 0)
         top = self.map.top[y, x]
-        known = np.isfinite(top)
-        height = np.clip((np.where(known, top, pose[2, 3]) - pose[2, 3]) / HEIGHT_LIMIT, -1, 1)
+        measured = np.isfinite(top)
+        height = np.clip((np.where(measured, top, pose[2, 3]) - pose[2, 3]) / HEIGHT_LIMIT, -1, 1)
         cost = np.where(ground.blocked[y, x], 1.0, np.clip(ground.cost[y, x] / COST_LIMIT, 0, 1))
-        return np.stack([height, cost, known]).astype(np.float32)
+        return np.stack([height, cost, measured]).astype(np.float32)

@@ -48,11 +48,12 @@ function costsPanel(emphasise) {
     const worse = names.map((name) => candidates.parts[name][n] - candidates.parts[name][first]);
     const worst = n === first ? -1 : worse.indexOf(Math.max(...worse));
     const cells = names.map((name, k) => make("td", k === worst ? { class: "worse" } : {}, candidates.parts[name][n].toFixed(2)));
-    const extra = candidates.cost[n] - candidates.cost[first];
+    const cost = candidates.cost[n], least = candidates.cost[first]; // null only in records that read_drive refuses
     const against = worst >= 0 && worse[worst] > 0 ? ` (${names[worst]} +${worse[worst].toFixed(2)})` : "";
     return make("tr", { class: n === first ? "row chosen" : "row", onmouseenter: () => emphasise(n), onmouseleave: () => emphasise(null) },
       make("td", {}, motionName(candidates, n)), make("td", {}, `${candidates.free[n].toFixed(1)} m`), ...cells,
-      make("td", {}, candidates.cost[n].toFixed(2)), make("td", {}, n === first ? "chosen" : `+${extra.toFixed(2)}${against}`));
+      make("td", {}, cost === null ? "-" : cost.toFixed(2)),
+      make("td", {}, n === first ? "chosen" : least === null ? "-" : `+${(cost - least).toFixed(2)}${against}`));
   }
 
   return { panel, update };

@@ -8,6 +8,7 @@ const STATUS = {
   blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: ["#9b3fa0", "gives up: stuck"],
   no_path: ["#7a4a9a", "gives up: no path"],
 };
+const SAME_COURSE = 0.1; // [m] by which start, goal and shortest way of two drives of one course may differ
 const byId = (id) => document.getElementById(id);
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const degrees = (radians) => (radians * 180) / Math.PI;
@@ -181,12 +182,23 @@ function goTo(position) {
   moveTo(nearest);
 }
 
+// Whether two drives are of one course, as envs.report judges it.
+function ofOneCourse(a, b) {
+  const [one, other] = [a.shortest_path, b.shortest_path];
+  const near = ([x, y], [u, v]) => Math.hypot(x - u, y - v) <= SAME_COURSE;
+  const length = (way) => way.slice(1).reduce((sum, [x, y], n) => sum + Math.hypot(x - way[n][0], y - way[n][1]), 0);
+  if (!near(a.goal, b.goal) || a.obstacles.length !== b.obstacles.length) return false;
+  if (!one.length || !other.length) return one.length === other.length;
+  return near(one[0], other[0]) && Math.abs(length(one) - length(other)) <= SAME_COURSE;
+}
+
 function layOut() {
   const all = columns.flatMap(({ drive }) => drive.steps.map((_, n) => coordinate(drive, n)));
   stops = [...new Set(all)].sort((a, b) => a - b);
   byId("position").max = stops.length - 1;
   byId("sync").hidden = columns.length < 2;
   byId("beside").hidden = columns.length > 1;
+  byId("apart").hidden = columns.every(({ drive }) => ofOneCourse(columns[0].drive, drive));
   document.body.classList.toggle("pair", columns.length > 1);
 }
 
@@ -235,12 +247,15 @@ document.querySelectorAll("input[name=sync]").forEach((choice) => choice.addEven
 }));
 byId("other").addEventListener("change", async (event) => {
   const text = await event.target.files[0].text();
-  const found = new DOMParser().parseFromString(text, "text/html").getElementById("data");
+  const data = new DOMParser().parseFromString(text, "text/html").getElementById("data"), before = columns.length;
   try {
-    addDrive(JSON.parse(found.textContent).drives[0]);
+    addDrive(JSON.parse(data.textContent).drives[0]);
     layOut();
     moveTo(Math.min(index, stops.length - 1));
   } catch {
+    columns.splice(before).forEach((column) => [column.strip, column.element].forEach((part) => part.remove()));
+    layOut();
+    moveTo(Math.min(index, stops.length - 1));
     alert("This file is no page of a recorded drive.");
   }
 });

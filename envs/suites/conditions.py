@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from numbers import Real
+from pathlib import Path
 from typing import Any
 
 from envs.courses.course import CourseConfig
@@ -51,14 +53,14 @@ def condition_values(condition: str | Values) -> Values:
     if not isinstance(condition, str | Mapping):
         raise ValueError(f"condition must be a name or a dict of values, got {condition!r}")
     if not isinstance(condition, str):
-        known = {"scene", *OF_COURSE, *OF_EYES, *LOOK_LIMITS}
-        if unknown := sorted(map(str, condition.keys() - known)):
-            raise ValueError(f"condition: value {unknown[0]!r} is unknown; choose from {', '.join(sorted(known))}")
+        choices = {"scene", *OF_COURSE, *OF_EYES, *LOOK_LIMITS}
+        if unknown := sorted(map(str, condition.keys() - choices)):
+            raise ValueError(f"condition: value {unknown[0]!r} is unknown; choose from {', '.join(sorted(choices))}")
         return condition
     if condition not in CONDITIONS:
-        known_names = ", ".join(CONDITIONS)
+        names = ", ".join(CONDITIONS)
         raise ValueError(
-            f"condition {condition!r} is unknown{did_you_mean(condition, list(CONDITIONS))}; choose from {known_names}"
+            f"condition {condition!r} is unknown{did_you_mean(condition, list(CONDITIONS))}; choose from {names}"
         )
     return CONDITIONS[condition]
 
@@ -79,6 +81,8 @@ def under(
     """
     values = condition_values(condition)
     if "scene" in values:
+        if not isinstance(values["scene"], str | Path):
+            raise ValueError(f"scene must be a preset or the JSON file of a place, got {values['scene']!r}")
         scene = load_place(values["scene"])
     return (
         with_look(scene, {name: value for name, value in values.items() if name in LOOK_LIMITS}),
@@ -103,9 +107,12 @@ def with_look(scene: SceneConfig, look: Mapping[str, float]) -> SceneConfig:
     """Return a place with fixed values of its LookConfig, by their names, instead of the ranges.
 
     Raises:
-        ValueError: A value is out of its range.
+        ValueError: A value is no number, or is out of its range.
     """
     if not look:
         return scene
+    for name, value in look.items():
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise ValueError(f"{name} must be a number, got {value!r}")
     fixed: LookConfig = replace(scene.look, **{name: (value, value) for name, value in look.items()})
     return replace(scene, look=fixed)

@@ -1,9 +1,15 @@
 """A digest of a scene, by which a suite notices that a simulator builds another one.
 
 The digest covers the heights of the ground every metre, and place and size of the rocks of 0.3 m and more, rounded to 1
-mm. Computers differ in the last bits of such numbers, and one that lies between two millimetres may be rounded to
-either. So a scene has two digests, whose steps of rounding lie half a millimetre apart: a number that is in doubt for
-one of them is in no doubt for the other. Two scenes are the same if either digest is.
+mm. A scene has tens of thousands of such numbers. One that lies at a step of the rounding may fall to either side where
+computers differ in its last bits. So a scene has two digests, whose steps lie half a millimetre apart, and two scenes
+count as the same if either digest is.
+
+This forgives a difference only where one of the digests has no number that moves over a step. Differences of the last
+bits of float64 (1e-12 m) hardly ever move one. Differences of up to 1e-7 m in all numbers change both digests in 40 %
+of the scenes with 20,000 numbers and in 65 % of those with 33,000, and of up to 1e-6 m in nearly all. So a simulator
+whose numbers differ that much throughout is refused, though no drive might show it. One that differs in few numbers
+mostly is not: with OpenCV's AVX2 and FMA switched off, few numbers move, by 1.2e-5 m at most, and nine courses matched.
 """
 
 from __future__ import annotations

@@ -29,13 +29,14 @@ from typing import Any
 import numpy as np
 
 from envs.courses.course import Course, CourseConfig, draw_course
-from envs.suites.conditions import Values, condition_values, under
+from envs.suites.conditions import Values, under
 from envs.suites.digest import scene_digests
 from envs.world.eyes import EyesConfig
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.presets import PRESETS, preset
+from marssim.scene.scene import SceneConfig
 
 FORMAT = 1
 FOLDER = Path(__file__).parent  # of the suites in the package
@@ -128,7 +129,7 @@ def build_course(values: Values, seed: int) -> Course:
         values: Of the condition.
         seed: Of the scene.
     """
-    scene, config, _ = under({**values, "scene_seed": seed}, preset(PRESETS[0]), CourseConfig(), EyesConfig())
+    scene, config, _ = _settings_under({**values, "scene_seed": seed})
     return draw_course(scene, config, ZHURONG, np.random.default_rng(seed))
 
 
@@ -140,6 +141,11 @@ def episode_values(course: Course) -> dict[str, Any]:
         "shortest": round(course.shortest, 3),
         "scene": list(scene_digests(course.scene)),
     }
+
+
+def _settings_under(values: Values) -> tuple[SceneConfig, CourseConfig, EyesConfig]:
+    """Return place, course and eyes of a suite's condition. Raises ValueError for a value that cannot be driven."""
+    return under(values, preset(PRESETS[0]), CourseConfig(), EyesConfig())
 
 
 def _same(name: str, built: Mapping[str, Any], episode: Mapping[str, Any]) -> bool:
@@ -157,10 +163,15 @@ def _read(path: Path, stamp: int) -> Suite:
         raise DatasetError(f"suite {path}: {fault}")
     for name, values in content["conditions"].items():
         try:
-            condition_values(values)
+            _settings_under(values)
         except ValueError as error:
-            raise DatasetError(f"suite {path}: conditions, {name}: {error}") from None
-    episodes = {(each["split"], each["condition"], each["course"]): each for each in content["episodes"]}
+            raise DatasetError(f"suite {path}: conditions, {name}: {str(error).replace('`', '')}") from None
+    episodes: dict[tuple[str, str, int], Mapping[str, Any]] = {}
+    for each in content["episodes"]:
+        key = each["split"], each["condition"], each["course"]
+        if key in episodes:
+            raise DatasetError(f"suite {path}: course {key[2]} of {key[0]}, {key[1]}, is there twice")
+        episodes[key] = each
     for split, values in content["splits"].items():
         for condition in content["conditions"]:
             for course in range(values["courses"]):

@@ -1,6 +1,7 @@
 """Which program runs M3Depth, PyTorch or OpenVINO, and what results record of it.
 
-Importing this module loads neither.
+The same program gives other depths on a GPU than on the CPU, and in bf16 than in fp32, which it takes by itself. So
+results record these too. Importing this module loads neither program.
 """
 
 from __future__ import annotations
@@ -9,9 +10,12 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from m3depth.weights.config_json import kind_in_file
+
+if TYPE_CHECKING:
+    import torch
 
 RuntimeName = Literal["pytorch", "openvino"]
 RuntimeChoice = Literal["auto", "pytorch", "openvino"]
@@ -56,8 +60,22 @@ def openvino_is_installed() -> bool:
     return find_spec("openvino") is not None
 
 
+def cpu_dtype() -> torch.dtype:
+    """Return the precision in which OpenVINO computes the convolutions here.
+
+    That is bf16 only with AMX. By AVX-512 BF16 alone, which PyTorch makes use of, OpenVINO's convolutions are no
+    faster than in fp32.
+    """
+    import torch
+
+    amx = getattr(torch.cpu, "_is_amx_tile_supported", lambda: False)()
+    return torch.bfloat16 if amx else torch.float32
+
+
 def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "auto") -> str | None:
-    """Return the name and version of the program that runs M3Depth, as results record it: "openvino 2026.4.1".
+    """Return what runs M3Depth, as results record it: "openvino 2026.4.1 cpu bf16".
+
+    These are the program's name and version, the kind of the device, and the precision of the convolutions.
 
     Args:
         names: Names of methods, as EstimatorName takes them, or others.
@@ -70,7 +88,23 @@ def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "
     if not any(_is_m3depth(name) for name in names):
         return None
     name = chosen_runtime(wanted, device)
-    return f"{name} {version(PACKAGES[name])}"
+    return " ".join([name, version(PACKAGES[name]), *_device_and_precision(name, device)])
+
+
+def same_runtime(one: str, other: str) -> bool:
+    """Return whether two records may be of one runtime. Records of earlier releases lack device and precision."""
+    return all(a == b for a, b in zip(one.split(), other.split()))
+
+
+def _device_and_precision(name: RuntimeName, wanted: str) -> tuple[str, str]:
+    """Return the kind of the device on which a runtime runs here, and "bf16" or "fp32"."""
+    import torch
+
+    from m3depth.network.device import chosen_device, fast_dtype
+
+    device = torch.device("cpu") if name == "openvino" else chosen_device(wanted)
+    dtype = cpu_dtype() if name == "openvino" else fast_dtype(device)
+    return device.type, "bf16" if dtype == torch.bfloat16 else "fp32"
 
 
 def _is_m3depth(name: str) -> bool:

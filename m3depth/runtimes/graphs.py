@@ -25,16 +25,6 @@ from m3depth.network.output import Start
 PARTS = ("graph.xml", "graph.bin")  # entries of a packed graph: the operations, and their weights
 
 
-def cpu_dtype() -> torch.dtype:
-    """Return the precision in which OpenVINO computes the convolutions here.
-
-    That is bf16 only with AMX. By AVX-512 BF16 alone, which PyTorch makes use of, OpenVINO's convolutions are no
-    faster than in fp32.
-    """
-    amx = getattr(torch.cpu, "_is_amx_tile_supported", lambda: False)()
-    return torch.bfloat16 if amx else torch.float32
-
-
 def converted(network: M3Depth, finer: bool, dtype: torch.dtype) -> bytes:
     """Return one of the two graphs of a network, packed as a zip file.
 

@@ -15,8 +15,9 @@ from torch import Tensor
 from m3depth.network.inference import infer_pair
 from m3depth.network.model import M3Depth
 from m3depth.network.output import Start, StereoOutput
+from m3depth.runtimes.choice import cpu_dtype
 from m3depth.runtimes.graph_files import graph_name, kept
-from m3depth.runtimes.graphs import converted, cpu_dtype
+from m3depth.runtimes.graphs import converted
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 

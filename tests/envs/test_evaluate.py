@@ -9,6 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import torch
 
 import envs.evaluate
 from envs.drives.config import LOOK_FLAGS
@@ -364,15 +365,21 @@ def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monke
 
 def test_drives_compute_in_one_thread(monkeypatch, tmp_path):
     """The depth of a network depends on the number of threads, in its last bits."""
-    threads, before = [], cv2.getNumThreads()
-    monkeypatch.setattr(envs.evaluate, "run_episode", lambda *_: threads.append(cv2.getNumThreads()))
+
+    def counts():
+        return cv2.getNumThreads(), torch.get_num_threads()
+
+    threads, before = [], counts()
+    monkeypatch.setattr(envs.evaluate, "run_episode", lambda *_: threads.append(counts()))
     cv2.setNumThreads(2)
+    torch.set_num_threads(2)
     try:
         config = EvaluateConfig(tmp_path, episodes=1, **QUICK)
         drive(config, config.tasks[0])
-        assert threads == [1] and cv2.getNumThreads() == 2
+        assert threads == [(1, 1)] and counts() == (2, 2)
     finally:
-        cv2.setNumThreads(before)
+        cv2.setNumThreads(before[0])
+        torch.set_num_threads(before[1])
 
 
 def test_dask_does_not_change_results(finished, tmp_path):

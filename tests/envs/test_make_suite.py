@@ -18,15 +18,16 @@ def passphrase(tmp_path):
 
 
 def test_a_held_out_split_is_drawn_from_its_passphrase(small_suite, passphrase, tmp_path, capsys):
-    held_out = ["--held-out", str(small_suite), "--passphrase-file", passphrase]
-    assert main(held_out) == 0
+    held_out = ["--held-out", str(small_suite), "--passphrase-file", passphrase, "--courses"]
+    assert main([*held_out, "1"]) == 0
     digest = capsys.readouterr().out.strip()
-    assert digest == published_digest("small-v1", SECRET)
+    assert digest == published_digest(load_suite(str(small_suite)), 1, SECRET)
     out = tmp_path / "held_out.json"
-    draw = [*held_out, "--courses", "1", "--out", str(out), "--published"]
-    assert main([*draw, "0" * 64]) == 2 and not out.exists()
-    assert "--published must be the digest of this passphrase for small-v1" in capsys.readouterr().err
-    assert main([*draw, digest]) == 0
+    draw = ["--out", str(out), "--published"]
+    assert main([*held_out, "1", *draw, "0" * 64]) == 2 and not out.exists()
+    assert "--published must be the digest of this passphrase, of 1 course and of " in capsys.readouterr().err
+    assert main([*held_out, "2", *draw, digest]) == 2 and not out.exists()
+    assert main([*held_out, "1", *draw, digest]) == 0
     drawn, suite = load_suite(str(out)), load_suite(str(small_suite))
     assert drawn.name == "small-v1-held-out" and set(drawn.splits) == {"held_out"}
     assert drawn.conditions == suite.conditions and drawn.drive == suite.drive

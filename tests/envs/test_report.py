@@ -1,7 +1,8 @@
 import pytest
-from recorded_drives import drive_bytes
+from recorded_drives import content, drive_bytes, step
 
 from envs.report import main
+from marssim.base.dataset.drive_file import encode_drive
 
 
 @pytest.fixture
@@ -25,6 +26,23 @@ def test_two_drives_get_one_page(run_folder, tmp_path, capsys):
     assert b"navigator, sgbm: course 3, k=0.1, slope=0 beside navigator" in (tmp_path / "pair.html").read_bytes()
     assert main([str(a)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == str(a.with_suffix(".html"))
+
+
+@pytest.mark.parametrize(("course", "difference"), [
+    ({"goal": [9.0, 0.5]}, "their goals are 0.5 m apart"),
+    ({"shortest_path": [[0.0, 0.3], [9.0, 0.0]]}, "their starts are 0.3 m apart"),
+    ({"shortest_path": [[0.0, 0.0], [4.0, 3.0], [9.0, 0.0]]}, "their shortest ways are 9.0 and 10.8 m long"),
+    ({"shortest_path": []}, "only one has a shortest way"),
+    ({"obstacles": []}, "they have 1 and 0 rocks that block"),
+])  # fmt: skip
+def test_drives_of_different_courses_get_no_page(run_folder, tmp_path, capsys, course, difference):
+    a, b, page = *(run_folder / "drives" / name for name in ("a.zip", "b.zip")), tmp_path / "pair.html"
+    other = content([step(), step(x=9.0, outcome="goal")])
+    other["episode"] |= course
+    b.write_bytes(encode_drive(other, {}))
+    assert main([str(a), str(b), "--out", str(page)]) == 2 and not page.exists()
+    assert capsys.readouterr().err == f"error: {a} and {b} are drives of different courses: {difference}\n"
+    assert main([str(b), str(b), "--out", str(page)]) == 0
 
 
 def test_mistakes_exit_with_2_and_one_line(run_folder, tmp_path, capsys):

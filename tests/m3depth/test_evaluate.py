@@ -5,7 +5,6 @@ import json
 import os
 import signal
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 
 import cv2
@@ -18,6 +17,7 @@ from m3depth.evaluate import EvaluateOptions, evaluate, main, named_estimators, 
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.report import FIGURES
 from m3depth.evaluation.resume import SavedState, SavedStateError
+from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.prediction import Prediction
@@ -156,7 +156,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
     assert list(results["methods"]) == ["w", "SGBM"]
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
     assert results["weights_sha256"] == digest and results["weights"] == str(weights)
-    assert results["runtime"] == f"pytorch {version('torch')}"
+    assert results["runtime"] == recorded_runtime(["m3depth"], device=results["device"])
     assert results["estimators"] == {
         "w": {"name": f"m3depth:{weights}", "sha256": digest},
         "SGBM": {"name": "sgbm", "sha256": None},

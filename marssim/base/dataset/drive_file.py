@@ -263,8 +263,13 @@ def _fault(content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str | N
         for name, values in lists.items():
             if len(values) != number:
                 return f"steps[{n}].candidates.{name} must have {number} items, as cost has, got {len(values)}"
-        if not (step["chosen"] is None or 0 <= step["chosen"] < number):
-            return f"steps[{n}].chosen must be one of the {number} candidates, got {step['chosen']}"
+        chosen = step["chosen"]
+        if chosen is None:
+            continue
+        if not 0 <= chosen < number:
+            return f"steps[{n}].chosen must be one of the {number} candidates, got {chosen}"
+        if candidates["cost"][chosen] is None:
+            return f"steps[{n}].chosen must be a candidate with a cost, got {chosen}, which has none"
     for name, data in pictures.items():
         if not data.startswith(JPEG_MAGIC if name.endswith(".jpg") else PNG_MAGIC):
             return f"{name} is no {'JPEG' if name.endswith('.jpg') else 'PNG'} file"

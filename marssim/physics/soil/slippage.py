@@ -14,25 +14,22 @@ DRIVE_FRICTION = 1.0  # [N m] torque of a wheel that turns freely; chosen
 
 @dataclass
 class Slippage:
-    """Sums over a drive.
-
-    Attributes:
-        turned: Way of the wheels' rims, mean of the wheels [m].
-        made: The part of it that the wheels' hubs made [m].
-        sideways: Way that the rover slid to its left [m].
-        energy: Electric energy of the wheels' motors [J]; braking gives none back.
-        seconds: Time with turning wheels [s].
-        rolled: (2,) way by which the rims would have moved the rover, with its true headings, world frame [m].
-        sunk: Sum of the mean sinkage of the wheels over time [m s].
-    """
+    """Sums over a drive."""
 
     turned: float = 0.0
+    """Way of the wheels' rims, mean of the wheels [m]."""
     made: float = 0.0
+    """The part of it that the wheels' hubs made [m]."""
     sideways: float = 0.0
+    """Way that the rover slid to its left [m]."""
     energy: float = 0.0
+    """Electric energy of the wheels' motors [J]; braking gives none back."""
     seconds: float = 0.0
+    """Time with turning wheels [s]."""
     rolled: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    """(2,) way by which the rims would have moved the rover, with its true headings, world frame [m]."""
     sunk: float = 0.0
+    """Sum of the mean sinkage of the wheels over time [m s]."""
 
     @property
     def slip(self) -> float:

@@ -26,14 +26,12 @@ class SoilMap:
 
     Sand is what the scene shows as rippled sand and drifts. Bedrock is what it shows as plates. The rest, gravel
     included, is crust.
-
-    Attributes:
-        shares: (N, N, 3) shares of the soils in the order of SOIL_NAMES, which sum to 1.
-        start: x and y of the first node [m].
     """
 
     shares: np.ndarray
+    """(N, N, 3) shares of the soils in the order of SOIL_NAMES, which sum to 1."""
     start: float
+    """x and y of the first node [m]."""
 
     @classmethod
     def of(cls, scene: Scene, ground: GroundName = "scene") -> SoilMap:

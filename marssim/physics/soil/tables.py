@@ -21,21 +21,18 @@ SLIPS = (np.arange(STEPS + 1) / STEPS) ** 2
 
 @dataclass(frozen=True, eq=False)
 class WheelTable:
-    """A wheel on one soil: L loads by S slips.
-
-    Attributes:
-        loads: (L,) [N].
-        slips: (S,) share of its way that the wheel loses, 0 to 1.
-        pull: (L, S) drawbar pull [N]; negative where the soil resists more than the wheel thrusts.
-        torque: (L, S) torque of the motor [N m].
-        sinkage: (L, S) [m].
-    """
+    """A wheel on one soil: L loads by S slips."""
 
     loads: np.ndarray
+    """(L,) loads on the wheel [N]."""
     slips: np.ndarray
+    """(S,) slips: shares of its way that the wheel loses, 0 to 1."""
     pull: np.ndarray
+    """(L, S) drawbar pull [N]; negative where the soil resists more than the wheel thrusts."""
     torque: np.ndarray
+    """(L, S) torque of the motor [N m]."""
     sinkage: np.ndarray
+    """(L, S) sinkage of the wheel [m]."""
 
     def at(self, load: np.ndarray) -> np.ndarray:
         """Return pull, torque and sinkage over slip, (3, N, S), at loads (N,) [N], which are clipped to the table."""

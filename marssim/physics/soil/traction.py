@@ -22,44 +22,38 @@ NO_INERTIA = np.zeros(3)
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """What the six wheels find under them; S is the number of slips in the tables.
-
-    Attributes:
-        pull: (6, S) drawbar pull less that without slip [N], which does not fall with the slip.
-        resistance: (6,) what the soil holds back a wheel with that does not slip [N].
-        torque: (6, S) of the motors [N m].
-        sinkage: (6, S) [m].
-        weight: (3,) weight of the rover in the body frame [N].
-    """
+    """What the six wheels find under them; S is the number of slips in the tables."""
 
     pull: np.ndarray
+    """(6, S) drawbar pull less that without slip [N]; it does not fall with the slip."""
     resistance: np.ndarray
+    """(6,) force with which the soil holds back a wheel that does not slip [N]."""
     torque: np.ndarray
+    """(6, S) torque of the motors [N m]."""
     sinkage: np.ndarray
+    """(6, S) sinkage of the wheels [m]."""
     weight: np.ndarray
+    """(3,) weight of the rover in the body frame [N]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """How the rover moves with turning wheels.
-
-    Attributes:
-        motion: (3,) velocity of the body origin in the body frame [m/s], x and y, and yaw rate [rad/s].
-        rims: (6, 2) velocities of the rims [m/s].
-        slip: (6,) speed with which the wheels slide over the ground, over that of their rims.
-        force: (6, 2) force of the soil on the wheels in the body frame [N].
-        torque: (6,) of the motors [N m].
-        sinkage: (6,) [m].
-        hub_velocities: (6, 2) in the body frame [m/s].
-    """
+    """How the rover moves with turning wheels."""
 
     motion: np.ndarray
+    """(3,) velocity of the body origin in the body frame [m/s], x and y, and yaw rate [rad/s]."""
     rims: np.ndarray
+    """(6, 2) velocities of the rims [m/s]."""
     slip: np.ndarray
+    """(6,) speed with which the wheels slide over the ground, over that of their rims."""
     force: np.ndarray
+    """(6, 2) force of the soil on the wheels in the body frame [N]."""
     torque: np.ndarray
+    """(6,) torque of the motors [N m]."""
     sinkage: np.ndarray
+    """(6,) sinkage of the wheels [m]."""
     hub_velocities: np.ndarray
+    """(6, 2) velocities of the wheels' hubs in the body frame [m/s]."""
 
 
 class Traction:

@@ -23,17 +23,14 @@ HALVINGS = 32  # of the interval of the sinkage
 
 
 class WheelForces(NamedTuple):
-    """What the soil does to a wheel; arrays of one shape.
-
-    Attributes:
-        support: Force upwards [N].
-        pull: Drawbar pull: force forwards, thrust less resistance [N].
-        torque: Torque that the motor needs [N m].
-    """
+    """What the soil does to a wheel; arrays of one shape."""
 
     support: np.ndarray
+    """Force upwards [N]."""
     pull: np.ndarray
+    """Drawbar pull: force forwards, thrust less resistance [N]."""
     torque: np.ndarray
+    """Torque that the motor needs [N m]."""
 
 
 def wheel_forces(soil: Soil, radius: float, width: float, sinkage: np.ndarray, slip: np.ndarray) -> WheelForces:

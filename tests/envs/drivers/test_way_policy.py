@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -5,6 +8,7 @@ from gymnasium import spaces
 
 pytest.importorskip("stable_baselines3")
 
+from envs.drivers.by_name import make_driver
 from envs.drivers.corridors import AHEAD, WAYS, corridor_space
 from envs.drivers.way_policy import WayPolicy, WayScores
 
@@ -61,3 +65,20 @@ def test_it_learns_which_way_is_free():
     other = torch.tensor(random_vectors(256, 4), dtype=torch.float32)
     taken = policy.get_distribution(other).distribution.probs.argmax(dim=1)
     assert other[:, :WAYS].gather(1, taken[:, None]).mean() > 0.8  # 0.5 by chance, 0.93 at best
+
+
+def test_the_policy_of_the_guides_recipe_is_one_that_evaluate_drives(tmp_path, monkeypatch, make_env):
+    """The script of the guide in one process, without the training."""
+    from stable_baselines3 import PPO
+
+    guide = Path(__file__).parents[3] / "docs" / "guides" / "reinforcement-learning.md"
+    scripts = re.findall(r"^```python\n(.*?)^```", guide.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    (recipe,) = (script for script in scripts if "PPO(" in script)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(PPO, "learn", lambda self, steps: None)
+    exec(recipe.replace("SubprocVecEnv", "DummyVecEnv"), {"__name__": "__main__"})
+    driver = make_driver(str(tmp_path / "policy.zip"))
+    env = make_env(map_observation=True)
+    driver.reset(env, 0)
+    observation, _ = env.reset(seed=0)
+    assert driver.corridors and env.action_space.contains(driver.act(env, observation)[: env.action_space.shape[0]])

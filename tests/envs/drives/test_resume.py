@@ -9,6 +9,7 @@ import pytest
 
 from envs.drives.resume import RUNTIME, WEIGHTS, noted_digests, noted_runtime
 from envs.evaluate import EvaluateConfig, evaluate
+from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 
@@ -101,12 +102,28 @@ def test_drives_of_m3depth_in_one_runtime_are_not_mixed_with_those_in_another(fi
         with folder.claim():
             return noted_runtime(folder, (perception,), "auto")
 
-    pytorch = f"pytorch {version('torch')}"
+    pytorch = recorded_runtime(["m3depth"])
+    assert pytorch.startswith(f"pytorch {version('torch')} ")
     assert noted("sgbm") is None
     assert noted("m3depth") == noted("m3depth:w.safetensors") == noted("ground_truth") == pytorch
-    monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_: "openvino 1.0")
-    with pytest.raises(
-        DatasetError, match=re.escape(f"m3depth drove these episodes in {pytorch}, not in openvino 1.0; choose")
-    ):
-        noted("m3depth")
-    assert read_json(folder.mark_path)["runtime"] == pytorch
+    program, device, precision = pytorch.rsplit(" ", 2)
+    for other in ("openvino 1.0 cpu fp32", f"{program} gpu {precision}", f"{program} {device} fp8"):
+        monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_, other=other: other)
+        with pytest.raises(
+            DatasetError, match=re.escape(f"m3depth drove these episodes in {pytorch}, not in {other}; choose")
+        ):
+            noted("m3depth")
+        assert read_json(folder.mark_path)["runtime"] == pytorch
+
+
+def test_a_record_without_device_and_precision_goes_on_as_it_is(tmp_path, monkeypatch):
+    folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=(WEIGHTS, RUNTIME))
+    runtimes = iter(["openvino 1.0 cpu bf16", "openvino 1.1 cpu bf16", "openvino 1.0 cpu bf16"])
+    monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_: next(runtimes))
+    with folder.claim(runtime="openvino 1.0"):
+        assert noted_runtime(folder, ("m3depth",), "auto") == "openvino 1.0"
+        with pytest.raises(DatasetError, match=r"in openvino 1\.0, not in openvino 1\.1 cpu bf16"):
+            noted_runtime(folder, ("m3depth",), "auto")
+        folder.note(runtime=3)
+        with pytest.raises(DatasetError, match=r"evaluate\.json: runtime must be text, got 3"):
+            noted_runtime(folder, ("m3depth",), "auto")

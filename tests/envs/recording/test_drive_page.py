@@ -2,6 +2,7 @@ import json
 import os
 import re
 import time
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def test_a_page_asks_for_nothing_outside_itself(crash):
 
 
 @pytest.mark.parametrize("words", ["</script><script>alert(1)</script>", "<img src=x onerror=alert(1)>", "%%script%%"])
-def test_words_of_a_stranger_are_no_markup(tmp_path, words):
+def test_words_of_a_record_are_no_markup(tmp_path, words):
     drive = drive_of(tmp_path / "a.zip", [step(reason=words), step(outcome=words)], outcome=words)
     drive.content["episode"]["driver"] = words
     page = drive_page([drive])
@@ -49,7 +50,7 @@ def test_words_of_a_stranger_are_no_markup(tmp_path, words):
 
 
 @pytest.mark.parametrize("outcome", ["collision", "elsewhere"])
-def test_any_value_of_a_foreign_record_is_shown_or_refused_in_one_line(tmp_path, outcome):
+def test_any_changed_value_of_a_record_is_shown_or_refused_in_one_line(tmp_path, outcome):
     """Each number and word of drive.json in turn becomes something else."""
     motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 0.2, None))
     text = json.dumps(content([step(candidates=motions, chosen=0), step(x=9.0)], outcome=outcome))
@@ -155,6 +156,45 @@ def test_the_page_opens_from_the_disk_and_its_time_line_moves_through_the_drive(
     assert all(abs(float(re.search(r"s, ([\d.]+) m", way)[1]) - 1.2) <= 0.41 for way in ways) and len(ways) == 2
 
     assert requests_of(browser) == [page.as_uri(), pair.as_uri()]
+    assert browser.get_log("browser") == []
+
+
+def test_a_chosen_motion_without_a_cost_stops_no_page(browser, tmp_path):
+    """read_drive refuses such a file, but the page of a drive may come from elsewhere too."""
+    from selenium.webdriver.common.by import By
+
+    motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 0.2, None))
+    drive = drive_of(tmp_path / "a.zip", [step(candidates=motions, chosen=0), step(x=9.0)])
+    steps = [{**drive.steps[0], "chosen": 1}, drive.steps[1]]
+    page = tmp_path / "a.html"
+    page.write_bytes(drive_page([replace(drive, content={**drive.content, "steps": steps})]))
+    browser.get(page.as_uri())
+    assert browser.find_element(By.ID, "now").text == "step 0, 0 s, 0.0 m driven"
+    assert browser.find_element(By.CSS_SELECTOR, "tr.chosen").text.split()[-2:] == ["-", "chosen"]
+    assert "+" not in browser.find_element(By.CSS_SELECTOR, "tbody").text
+    assert browser.get_log("browser") == []
+
+
+def test_a_banner_tells_drives_of_different_courses(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+
+    plain = drive_of(tmp_path / "a.zip", [step(), step(x=9.0)])
+    changes = ({}, {"goal": [9.0, 0.5]}, {"obstacles": []}, {"shortest_path": []}, {"shortest_path": [[0, 1], [9, 0]]})
+    shown = []
+    for change in (*changes, {"shortest_path": [[0, 0], [4, 3], [9, 0]]}):
+        other = replace(plain, content={**plain.content, "episode": {**plain.content["episode"], **change}})
+        for name, drives in (("one", [other]), ("pair", [plain, other])):
+            (tmp_path / f"{name}.html").write_bytes(drive_page(drives))
+            browser.get((tmp_path / f"{name}.html").as_uri())
+            shown.append(browser.find_element(By.ID, "apart").is_displayed())
+    assert shown == [False, False, *[False, True] * 5]
+
+    (tmp_path / "plain.html").write_bytes(drive_page([plain]))
+    browser.get((tmp_path / "plain.html").as_uri())
+    for name, banner in (("plain", False), ("one", True)):
+        browser.find_element(By.ID, "other").send_keys(str(tmp_path / f"{name}.html"))
+        time.sleep(0.5)
+        assert browser.find_element(By.ID, "apart").is_displayed() == banner
     assert browser.get_log("browser") == []
 
 

@@ -11,7 +11,7 @@ import torch
 from m3depth.estimator import load_estimator
 from m3depth.network.model import M3Depth
 from m3depth.predict import main as predict
-from m3depth.runtimes.choice import chosen_runtime, recorded_runtime
+from m3depth.runtimes.choice import chosen_runtime, recorded_runtime, same_runtime
 from marssim.base.files.png import encode_png
 
 
@@ -61,10 +61,27 @@ def test_a_wrong_runtime_is_refused_for_every_method():
         load_estimator("sgbm", runtime="torch")
 
 
-def test_results_record_name_and_version_of_what_ran_m3depth():
-    assert recorded_runtime(["sgbm", "m3depth:w.safetensors"]) == f"pytorch {version('torch')}"
+@pytest.mark.parametrize(("dtype", "precision"), [(None, "fp32"), (torch.bfloat16, "bf16")])
+def test_results_record_what_ran_m3depth_where_and_how_precisely(monkeypatch, dtype, precision):
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: dtype)
+    for device in ("cpu", "cuda"):
+        monkeypatch.setattr("m3depth.network.device.chosen_device", lambda _, device=device: torch.device(device))
+        record = recorded_runtime(["sgbm", "m3depth:w.safetensors"])
+        assert record == f"pytorch {version('torch')} {device} {precision}"
+
+
+def test_no_runtime_is_recorded_without_m3depth():
     assert recorded_runtime(["ground_truth", "sgbm", "my_stereo:m3depth"]) is None
 
 
-def test_results_record_openvino(installed):
-    assert recorded_runtime(["m3depth"], device="cpu") == f"openvino {version('openvino')}"
+@pytest.mark.parametrize(("amx", "precision"), [(False, "fp32"), (True, "bf16")])
+def test_results_record_openvino(installed, monkeypatch, amx, precision):
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+    record = f"openvino {version('openvino')} cpu {precision}"
+    assert recorded_runtime(["m3depth"], device="cpu") == recorded_runtime(["m3depth"], "openvino") == record
+
+
+def test_records_without_device_and_precision_are_compared_without_them():
+    assert same_runtime("openvino 1.0 cpu bf16", "openvino 1.0") and same_runtime("openvino 1.0", "openvino 1.0")
+    assert not same_runtime("openvino 1.0 cpu bf16", "openvino 1.1")
+    assert not same_runtime("openvino 1.0 cpu bf16", "openvino 1.0 cpu fp32")

@@ -106,6 +106,7 @@ def test_the_schema_describes_every_value():
     (("steps", 1, "pose"), [[1, 0, 0, 0]] * 2, "steps[1].pose must have 3 items, got 2"),
     (("steps", 0, "contact"), "<b>", "steps[0].contact must be one of none, chassis, obstacle, got '<b>'"),
     (("steps", 0, "chosen"), 7, "steps[0].chosen must be one of the 2 candidates, got 7"),
+    (("steps", 0, "chosen"), 1, "steps[0].chosen must be a candidate with a cost, got 1, which has none"),
     (("steps", 0, "candidates", "free"), [1.0], "steps[0].candidates.free must have 2 items, as cost has, got 1"),
     (("steps", 0, "candidates", "parts", "way"), [], "steps[0].candidates.way must have 2 items"),
     (("rig", "width"), 0, "stereo rig: width must be at least 1 pixel"),
@@ -128,7 +129,7 @@ def test_a_wrong_value_is_named_in_one_line(file, keys, value, fault):
     (lambda path: rewritten(path, lambda data: b"<svg>", "left/0000.jpg"), "left/0000.jpg is no JPEG file"),
     (lambda path: rewritten(path, lambda data: b"GIF", "depth/0000.png"), "depth/0000.png is no PNG file"),
 ])  # fmt: skip
-def test_a_broken_or_foreign_file_is_refused_in_one_line(file, damage, fault):
+def test_a_file_that_is_broken_or_holds_something_else_is_refused_in_one_line(file, damage, fault):
     damage(file)
     with pytest.raises(DatasetError) as error:
         read_drive(file)
