@@ -137,8 +137,8 @@ def _check_earlier(folder: Path, records: Mapping[str, Path]) -> None:
 
 def _unlike(one: Path, other: Path) -> str:
     """Return the first difference between two records, but for times; "" if there is none."""
-    contents = ({k: v for k, v in read_json(file).items() if k not in TIMES} for file in (one, other))
-    return next(iter(differences(*contents)), "")
+    first, second = ({k: v for k, v in read_json(file).items() if k not in TIMES} for file in (one, other))
+    return next(iter(differences(first, second)), "")
 
 
 def _runtime(runtimes: Sequence[Any], folders: Sequence[Path]) -> str | None:

@@ -127,7 +127,7 @@ def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
 
 def _left_out(methods: Mapping[str, DrivenMethod], compared: int) -> str:
     """Return a sentence on the episodes that are compared, and on those that are left out."""
-    driven = set().union(*(method.episodes for method in methods.values()))
+    driven = {key for method in methods.values() for key in method.episodes}
     lacking = {label: len(driven) - len(method.episodes) for label, method in methods.items()}
     lacks = ", ".join(f"{label} lacks {number}" for label, number in lacking.items() if number)
     words = f"Compared on {counted(compared, 'episode')} that all methods have driven"

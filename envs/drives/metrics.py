@@ -102,7 +102,7 @@ def newcombe_interval(both: int, first: int, second: int, neither: int, z: float
     n = both + first + second + neither
     p1, p2 = ((both + alone) / n if n else 0.0 for alone in (first, second))
     (low1, high1), (low2, high2) = (wilson_interval(both + alone, n, z) for alone in (first, second))
-    agreement = both * neither - first * second
+    agreement: float = both * neither - first * second
     agreement = max(agreement - n / 2, 0.0) if agreement > 0 else agreement  # his correction for continuity
     margins = (both + first) * (second + neither) * (both + second) * (first + neither)
     phi = agreement / np.sqrt(margins) if margins else 0.0
