@@ -337,6 +337,7 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
         module.write_text("class Mine:\n    better = True\n")
     elif change == "--device":
         monkeypatch.setattr("m3depth.network.device.chosen_device", lambda wanted: torch.device("meta"))
+        changed = "--device, another --runtime"  # whose record names the device
     elif change == "--runtime":
         monkeypatch.setattr("m3depth.evaluate.recorded_runtime", lambda *_: "openvino 1.0")
     else:
