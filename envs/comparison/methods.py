@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from envs.comparison.suite_results import Episodes, Key, Method, SuiteResults
 from envs.world.perception import GROUND_TRUTH
+from m3depth.runtimes.choice import same_runtime
 from marssim.base.files.json_file import DatasetError
 
 FIXED_DRIVER = "navigator"  # the driver of the track "eyes"
@@ -99,13 +100,13 @@ def fullest_runtime(runtimes: Iterable[str | None]) -> str | None:
     Raises:
         ValueError: They are of two programs; the message names both.
     """
-    fullest: list[str] = []
+    fullest = ""
     for runtime in runtimes:
-        words = (runtime or "").split()
-        if words[: len(fullest)] != fullest[: len(words)]:
-            raise ValueError(f"{' '.join(words)} is not {' '.join(fullest)}")
-        fullest = max(fullest, words, key=len)
-    return " ".join(fullest) or None
+        record = runtime or ""
+        if not same_runtime(record, fullest):
+            raise ValueError(f"{record} is not {fullest}")
+        fullest = max(fullest, record, key=len)
+    return fullest or None
 
 
 def _evaluations(method: Method, files: Sequence[SuiteResults]) -> list[list[SuiteResults]]:
