@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -53,14 +54,16 @@ def new_network(config: NetworkConfig) -> StereoNetwork:
 def draw_normal(network: nn.Module) -> None:
     """Draw the weights of all convolutions and linear layers from He et al.'s normal distribution, with biases of 0.
 
-    The variance is 2 over the number of inputs of a weight's output; a transposed convolution's weight has its inputs
-    first. First weights with a purpose are lost, such as the small or zero ones by which the last layer of a correction
-    starts as none.
+    The variance is 2 over the number of inputs that an output sums. A transposed convolution spreads its kernel over as
+    many outputs as its stride has pixels. First weights with a purpose are lost, such as the small or zero ones by
+    which the last layer of a correction starts as none.
     """
     for layer in network.modules():
         if isinstance(layer, nn.Linear | nn.modules.conv._ConvNd):
-            transposed = isinstance(layer, nn.modules.conv._ConvTransposeNd)
-            nn.init.kaiming_normal_(layer.weight, mode="fan_out" if transposed else "fan_in", nonlinearity="relu")
+            inputs = layer.weight[0].numel()
+            if isinstance(layer, nn.modules.conv._ConvTransposeNd):
+                inputs = layer.weight[:, 0].numel() / math.prod(layer.stride)
+            nn.init.normal_(layer.weight, std=math.sqrt(2 / inputs))
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)
 

@@ -74,10 +74,14 @@ def test_a_disparity_under_1_px_is_pulled_towards_the_truth_along_the_tangent_of
         torch.testing.assert_close(slope.sum(), torch.tensor(-least))
 
 
-def test_weights_of_transposed_convolutions_have_the_variance_of_their_inputs() -> None:
-    layer = torch.nn.ConvTranspose2d(256, 8, 3)
+@pytest.mark.parametrize(("kernel", "stride"), [(3, 1), (4, 2), (2, 2)])
+def test_transposed_convolutions_give_inputs_of_variance_1_the_variance_2(kernel, stride) -> None:
+    torch.manual_seed(0)
+    layer = torch.nn.ConvTranspose2d(256, 8, kernel, stride)
     draw_normal(layer)
-    assert float(layer.weight.detach().std()) == pytest.approx((2 / (256 * 9)) ** 0.5, rel=0.05)
+    with torch.no_grad():
+        inside = layer(torch.randn(4, 256, 24, 24))[..., kernel:-kernel, kernel:-kernel]
+    assert float(inside.square().mean()) == pytest.approx(2, rel=0.1)
 
 
 def test_all_first_weights_are_drawn_from_normal_distributions(tmp_path) -> None:
