@@ -26,6 +26,7 @@ from m3depth.rivals.cre_stereo import CreStereo
 from m3depth.rivals.fusion import Fusion
 from m3depth.rivals.geo_net import GeoNet
 from m3depth.rivals.hit_net import HitNet
+from m3depth.rivals.layers import summed_inputs
 from m3depth.rivals.light_stereo import LightStereo
 from m3depth.rivals.raft_stereo import RaftStereo
 from m3depth.rivals.selective_stereo import SelectiveStereo
@@ -54,16 +55,12 @@ def new_network(config: NetworkConfig) -> StereoNetwork:
 def draw_normal(network: nn.Module) -> None:
     """Draw the weights of all convolutions and linear layers from He et al.'s normal distribution, with biases of 0.
 
-    The variance is 2 over the number of inputs that an output sums. A transposed convolution spreads its kernel over as
-    many outputs as its stride has pixels. First weights with a purpose are lost, such as the small or zero ones by
-    which the last layer of a correction starts as none.
+    The variance is 2 over the number of inputs that an output sums. First weights with a purpose are lost, such as the
+    small or zero ones by which the last layer of a correction starts as none.
     """
     for layer in network.modules():
         if isinstance(layer, nn.Linear | nn.modules.conv._ConvNd):
-            inputs = layer.weight[0].numel()
-            if isinstance(layer, nn.modules.conv._ConvTransposeNd):
-                inputs = layer.weight[:, 0].numel() / math.prod(layer.stride)
-            nn.init.normal_(layer.weight, std=math.sqrt(2 / inputs))
+            nn.init.normal_(layer.weight, std=math.sqrt(2 / summed_inputs(layer)))
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)
 

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 
 from m3depth.rivals.config import HitNetConfig
 from m3depth.rivals.hit_net_loss import TILE, Choice, Guess, HitNetOutput, Scored, spread
-from m3depth.rivals.layers import in_float32
+from m3depth.rivals.layers import in_float32, summed_inputs
 from m3depth.rivals.rival import Rival
 from m3depth.stereo.pairs import MAX_DISPARITY
 
@@ -36,14 +36,10 @@ SLOPE = 0.2  # of the leaky rectifiers
 
 
 def start_as_he(module: nn.Module) -> None:
-    """Draw the weights of all convolutions so that leaky rectifiers keep the size of what passes (He et al.).
-
-    A pixel of a transposed convolution, whose kernels do not overlap here, has one tap of each input.
-    """
+    """Draw the weights of all convolutions so that leaky rectifiers keep the size of what passes (He et al.)."""
     for layer in module.modules():
         if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d):
-            taps = 1 if isinstance(layer, nn.ConvTranspose2d) else layer.kernel_size[0] * layer.kernel_size[1]
-            nn.init.normal_(layer.weight, std=math.sqrt(2 / (1 + SLOPE**2) / (layer.in_channels * taps)))
+            nn.init.normal_(layer.weight, std=math.sqrt(2 / (1 + SLOPE**2) / summed_inputs(layer)))
             nn.init.zeros_(layer.get_parameter("bias"))
 
 

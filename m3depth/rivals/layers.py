@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -74,6 +75,13 @@ def trunk(widths: Sequence[int], strides: Sequence[int], kind: Normalisation, pr
         layers.append(stage(inputs, width, kind, stride, projected))
         inputs = width
     return nn.Sequential(*layers)
+
+
+def summed_inputs(layer: nn.Linear | nn.modules.conv._ConvNd) -> float:
+    """Return how many inputs an output of a layer sums; a transposed convolution spreads its kernel by its stride."""
+    if isinstance(layer, nn.modules.conv._ConvTransposeNd):
+        return layer.weight[:, 0].numel() / math.prod(layer.stride)
+    return layer.weight[0].numel()
 
 
 def start_as_encoder(module: nn.Module) -> None:
