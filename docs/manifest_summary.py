@@ -101,12 +101,12 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     Args:
         results: For each part "size", "set", "place", and "depth" and "map", the content of results.json of
-            m3depth.evaluate and of envs.rocks.
+            m3depth.evaluate and of envs.rocks; all parts without "map" where no map was scored.
 
     Returns:
-        "parts", by size and set: "pairs", "scenes", "depth" and "map" by method, with "places", "gets_truth" (whether
-        the true depth was given) and "same_scenes" (the ratio of Abs Rel to that of the same views at the smallest
-        size, None there) in "depth". Sizes are named after their width in pixels.
+        "parts", by size and set: "pairs", "scenes", "depth" and "map" (empty where none was scored) by method, with
+        "places", "gets_truth" (whether the true depth was given) and "same_scenes" (the ratio of Abs Rel to that of the
+        same views at the smallest size, None there) in "depth". Sizes are named after their width in pixels.
     """
     groups: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
     for result in results:
@@ -140,11 +140,12 @@ def _joined(group: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]
             for part in group
         }
         depth[label]["same_scenes"] = None if base is None else _against(group, base, label)
-    looks = [(part["place"], pair) for part in group for pair in part["map"]["per_pair"]]
+    maps = [(part["place"], part["map"]) for part in group if "map" in part]
+    looks = [(place, pair) for place, scored in maps for pair in scored["per_pair"]]
     labels = {about["name"]: label for label, about in methods.items()}  # envs.rocks calls a method by its flag
     shown = {
         labels.get(name, name): _rock_figures([pair[name] for _, pair in looks], [(p, x["scene"]) for p, x in looks])
-        for name in group[0]["map"]["methods"]
+        for name in (maps[0][1]["methods"] if maps else ())
     }
     return {"pairs": len(pairs), "scenes": len(set(scenes)), "depth": depth, "map": shown}
 
@@ -247,7 +248,8 @@ def markdown(content: Mapping[str, Any]) -> str:
                 lines += ["", f"Abs Rel over that of the same views at the smallest size: {ratios}."]
             lines += ["", *_place_table(depth)]
             for methods, where in ((depth, "In the depth"), (part["map"], "In the navigator's map")):
-                lines += ["", f"{where}:", "", *_figure_table(ROCKS, methods), "", *_bin_table(methods)]
+                if methods:
+                    lines += ["", f"{where}:", "", *_figure_table(ROCKS, methods), "", *_bin_table(methods)]
     used = ", ".join(f"{name} {value}" for name, value in content["versions"].items() if value is not None)
     return "\n".join([*lines, "", f"{used}.", ""])
 

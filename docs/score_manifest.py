@@ -52,6 +52,11 @@ class Options:
     """Sizes of the manifest to take, as 512; without any, all."""
     sets: tuple[str, ...] = ()
     """Sets of the manifest to take, as clean; without any, all."""
+    baselines: tuple[str, ...] = ("sgbm", "sgbm-hh")
+    """Classical methods whose depth is scored too, as --baselines of m3depth.evaluate names them. The navigator's map
+    has SGBM alone."""
+    map: bool = True
+    """Whether the navigator's map is scored as well as the depth, which takes longer than the depth."""
     limit: int | None = None
     """Most pairs of each size, set and place, for a trial. Without it, all."""
     workers: int = 2
@@ -162,11 +167,12 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
     commands = {
         "depth": (
             evaluate,
-            ["--weights", *map(str, weights["depth"]), "--baselines", "sgbm", "sgbm-hh", *part.evaluate],
+            ["--weights", *map(str, weights["depth"]), "--baselines", *options.baselines, *part.evaluate],
         ),
         "map": (count_rocks, ["--perception", *methods, "sgbm", "ground_truth"]),
     }
-    for kind, (command, flags) in commands.items():
+    for kind in kinds_of(options):
+        command, flags = commands[kind]
         out = part.scores(options.out, kind)
         state = {
             "flags": [*common, *flags],
@@ -181,6 +187,11 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
         print(f"score_manifest: {kind} of {part.size}/{part.name}/{part.place}", file=sys.stderr)
         _run(command, ["--data", data, "--out", str(out), *common, *flags])
         write_json(done, state)
+
+
+def kinds_of(options: Options) -> tuple[str, ...]:
+    """Return the kinds of scores that are asked for, keys of CODE."""
+    return tuple(kind for kind in CODE if kind == "depth" or options.map)
 
 
 class CommandFailed(Exception):
@@ -206,7 +217,7 @@ def work(options: Options) -> None:
     results = [
         {
             "size": part.size, "set": part.name, "place": part.place,
-            **{kind: read_json(part.scores(options.out, kind) / "results.json") for kind in CODE},
+            **{kind: read_json(part.scores(options.out, kind) / "results.json") for kind in kinds_of(options)},
         }
         for part in parts
     ]  # fmt: skip

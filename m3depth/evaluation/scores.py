@@ -124,8 +124,9 @@ class Scores:
             pair: The sample.
 
         Returns:
-            The pair's figures over all scored pixels: the depth terms, and "normal_<term>". "kinds" holds those of
-            PAIR_FIGURES for the other kinds of pixels that the pair has, "counts" its SkyCounts and RockCounts.
+            The pair's figures over all scored pixels: the depth terms, "normal_<term>", and "fitted_normal_<term>" of
+            the fitted normals. "kinds" holds those of PAIR_FIGURES for the other kinds of pixels that the pair has,
+            "counts" its SkyCounts and RockCounts.
         """
         sample, considered = pair.sample, pair.considered
         terms = depth_terms(
@@ -150,7 +151,8 @@ class Scores:
                 by_kind[kind] |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
             from_depth = sample.rig.depth_to_disparity(prediction.depth)  # the images' disparity may have an offset
-            self.fitted.add(fitted_normals(from_depth, sample.rig.camera), pair)
+            angular = self.fitted.add(fitted_normals(from_depth, sample.rig.camera), pair)["all"]
+            by_kind["all"] |= {f"fitted_normal_{name}": value for name, value in angular.items()}
         sky, rocks = SkyCounts(), RockCounts()
         sky.add(prediction.depth, np.asarray(sample.depth))
         if pair.rocks is not None:

@@ -39,7 +39,7 @@ class Evaluation:
         results: By method, Scores.result() with "median_image" (the median over images of the image's figures),
             "seconds" (median and mean per pair) and "memory_mib" (the most that the whole process held, and that was
             held on a GPU). These two are None for predictions that were read. "gets_truth": whether the true depth was
-            given to the method.
+            given to the method. "normals_are_fitted": whether its own normals are those of planes fitted to its depth.
         pairs: A record per pair, with the figures of each method.
         true_depth_normals: Figures of the normals that planes fitted to the true depth give, by kind.
         examples: Pairs for the figures.
@@ -137,6 +137,7 @@ class Scoring:
                 "median_image": _medians([record[name] for record in self.pairs]),
                 **_cost_figures(self._costs[name]),
                 "gets_truth": gets_truth(self.methods[name]),
+                "normals_are_fitted": not score.fit,
             }
             for name, score in self._scores.items()
         }

@@ -66,16 +66,18 @@ class Log:
             self.board = None
         self.last_line = 0.0
 
-    def start(self, step: int, seed: int) -> None:
-        """Add a record of the kind "start": the command, the seed and the versions that the next steps come from.
+    def start(self, step: int, seed: int, data: str) -> None:
+        """Add a record of the kind "start": the command, the seed, the data and the versions of the next steps.
 
         Args:
             step: Steps that the run has taken before.
             seed: Seed of the first weights, and of the order of the pairs.
+            data: What identifies the samples (m3depth.datasets.state.state_of_pairs).
         """
         command = shlex.join([Path(sys.orig_argv[0]).name, *sys.orig_argv[1:]])
         date = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        self._add({"kind": "start", "step": step, "date": date, "command": command, "seed": seed, **versions()})
+        about = {"date": date, "command": command, "seed": seed, "data": data}
+        self._add({"kind": "start", "step": step, **about, **versions()})
 
     def write(self, kind: str, step: int, values: dict[str, float]) -> None:
         """Add a record.

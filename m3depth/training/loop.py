@@ -11,6 +11,7 @@ import cv2
 import torch
 from torch import Tensor, nn
 
+from m3depth.datasets.state import state_of_pairs
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.output import StereoOutput
 from m3depth.network.stereo_network import StereoNetwork
@@ -71,7 +72,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
                 announce(run, resumed, len(samples), len(held_out))
-                log.start(run.step, config.seed)
+                log.start(run.step, config.seed, str(state_of_pairs(samples)))
             stream = opened.enter_context(
                 closing(
                     batches(

@@ -5,6 +5,7 @@ Every batch is a function of (seed, step, rank) alone, so that a resumed run con
 
 from __future__ import annotations
 
+import hashlib
 import os
 import threading
 from bisect import bisect_right
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from m3depth.datasets.state import state_of_pairs
 from m3depth.stereo.pairs import StereoPairs, pair_name
 from m3depth.training.augmentation import AugmentConfig, augment, random_crop
 from m3depth.training.batch import Batch, finer_band, reduced, to_batch
@@ -42,6 +44,12 @@ class JoinedPairs:
         self.names = [
             prefix + pair_name(part, index) for prefix, part in zip(prefixes, parts) for index in range(len(part))
         ]
+
+    @property
+    def digest(self) -> str:
+        """What identifies the content: state_of_pairs of a single sequence, and for several the SHA-256 of theirs."""
+        states = [str(state_of_pairs(part)) for part in self.parts]
+        return states[0] if len(states) == 1 else hashlib.sha256("\n".join(states).encode()).hexdigest()
 
     def __len__(self) -> int:
         return self.ends[-1] if self.ends else 0

@@ -102,6 +102,18 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
     capsys.readouterr()
 
 
+def test_the_map_is_left_out_and_the_baselines_are_those_that_the_flags_name(score_manifest, tiny, tmp_path):
+    weights = tmp_path / "mine.safetensors"
+    M3Depth(SMALL).save_pretrained(weights)
+    out = tmp_path / "out"
+    arguments = ["--data", str(tmp_path / "data"), "--out", str(out), "--manifest", str(tiny), "--workers", "1"]
+    arguments += ["--weights", str(weights), "--sets", "clean", "--limit", "1", "--no-map", "--baselines", "sad"]
+    assert score_manifest.main(arguments) == 0
+    part = read_json(out / "summary.json")["parts"]["64"]["clean"]
+    assert list(part["depth"]) == ["mine", "SAD"] and part["map"] == {} and not (out / "map").exists()
+    assert "In the navigator's map" not in (out / "summary.md").read_text()
+
+
 def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manifest, tmp_path, monkeypatch):
     paths = {name: tmp_path / f"{name}.safetensors" for name in ("mine", "given")}
     M3Depth(SMALL).save_pretrained(paths["mine"])

@@ -32,8 +32,10 @@ def test_fitted_normals_do_not_depend_on_the_methods_own(plane_samples):
     assert figures["normal"]["all"]["pooled"]["mean"] == pytest.approx(180)
     assert figures["fitted_normal"]["all"]["pooled"]["median"] < 0.5
     alone = Scores()
-    alone.add(truth(sample, normal=fitted_normals(sample.disparity, sample.rig.camera)), ScoredPair(sample))
+    own = alone.add(truth(sample, normal=fitted_normals(sample.disparity, sample.rig.camera)), ScoredPair(sample))
     assert figures["fitted_normal"]["all"]["pooled"] == alone.result()["normal"]["all"]["pooled"]
+    fitted = Scores(fit=True).add(truth(sample, normal=None), ScoredPair(sample))
+    assert "normal_mean" not in fitted and fitted["fitted_normal_mean"] == own["normal_mean"] > 0
     assert scored(sample, truth(sample), fit=False)["fitted_normal"]["all"]["pixels"] == 0
 
 
@@ -47,6 +49,7 @@ def test_evaluate_fits_normals_once_for_the_truth_and_not_for_matchers_that_fit_
     done = evaluate(plane_samples[:1], {"fits": Fits()})
     assert done.results["fits"]["fitted_normal"]["all"]["pixels"] == 0
     assert done.true_depth_normals == done.results["fits"]["normal"]
+    assert done.results["fits"]["normals_are_fitted"] and "fitted_normal_mean" not in done.pairs[0]["fits"]
 
 
 def test_an_offset_of_the_images_counts_for_depth_and_not_for_disparity(plane_samples):

@@ -79,3 +79,10 @@ def test_pairs_of_several_datasets_keep_their_names(plane_set) -> None:
     assert JoinedPairs([pairs]).names == pairs.names
     joined = JoinedPairs([pairs, [pairs[0]]])
     assert joined.names == [*(f"{plane_set.name}/{name}" for name in pairs.names), "000000"]
+
+
+def test_joined_pairs_have_the_digest_of_a_single_dataset_or_one_that_each_part_changes(plane_set) -> None:
+    pairs = open_pairs(plane_set, "all")
+    assert JoinedPairs([pairs]).digest == pairs.digest
+    several = [JoinedPairs(parts).digest for parts in ([pairs, pairs], [pairs, [pairs[0]]], [[pairs[0]], pairs])]
+    assert len({*several, pairs.digest}) == 4
