@@ -1,128 +1,153 @@
-"""Writes the page that compares trained networks: scores, error by depth, cost and training, from their folders.
+"""Writes the page that compares methods: scores, error by depth, cost and training.
 
 python docs/compare_methods.py --scores out/manifest --runs runs/lite runs/raft-stereo --out out/methods
+python docs/compare_methods.py --records out/methods/records/lite.json out/other/records/hit-net.json --out out/all
 
 SCORES is the --out of docs/score_manifest.py, whose call had the weights of all runs. Methods that it scored beside
-them, such as SGBM, are in the tables too. Errors of each method are also given over those of a reference, on the same
-pairs. Rows of a method that got the true depth are marked, and come last. --out gets methods.md, methods.json,
-error_by_depth_SET.png and curves.png.
+them, such as SGBM, are in the tables too. OUT/records gets a file for each method (method_records.py), and another call
+takes such files beside scores or without them, from trainings on other days or machines. All methods must have been
+scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs. Rows of a
+method that got the true depth are marked, and come last. --out gets methods.md, methods.json, error_by_depth_SET.png
+and curves.png too. The time and memory of a network are measured by this command, with random weights.
 """
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from manifest_summary import Term, figure
 from matplotlib.figure import Figure
+from method_records import COLUMNS, VISIBLE, check_same_pairs, read_record, record_of_run, scored_methods
 
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, marked, number, table
 from m3depth.figures.drawing import METHOD_COLOURS, METHOD_MARKERS, save
 from m3depth.figures.errors import interval_figure
-from m3depth.kinds.networks import load_network
+from m3depth.kinds.config import config_from_dict
+from m3depth.kinds.networks import new_network
+from m3depth.rivals.config import NormalConfig
 from m3depth.rivals.normal_network import NormalNetwork
 from marssim.base.camera import NATECAM
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.files.json_file import DatasetError, json_text, write_json
+from marssim.base.results.code_state import versions
 
 POOLED = ("mae", "rmse", "abs_rel", "bad1")  # figures of an interval of depth
-RATIOS = {"abs_rel": "Abs Rel", "epe": "EPE", "normal_mean": "mean error of the normals"}  # over those of the reference
+RATIOS = {
+    "abs_rel": "Abs Rel", "epe": "EPE", VISIBLE: "EPE of what both eyes see",
+    "normal_mean": "mean error of the normals",
+}  # fmt: skip
+"""The figures that are also given over those of the reference."""
 SHIFT = 8  # disparity of the pair that is timed [px]
 REPEATS = 5  # timed predictions of a network, of which the median counts
+DIGEST = 12  # shown characters of a digest
 
 
 @dataclass(frozen=True)
 class Options:
-    """Writes the page that compares trained networks: scores, error by depth, cost and training, from their folders."""
+    """Writes the page that compares methods: scores, error by depth, cost and training."""
 
-    scores: Path
-    """Folder that docs/score_manifest.py wrote, for the weights of all runs."""
-    runs: tuple[Path, ...]
-    """Folders that m3depth.train wrote. Their names are those of the methods."""
     out: Path
-    """Folder for the page, its figures and methods.json."""
+    """Folder for the page, its figures, methods.json and the records."""
+    scores: Path | None = None
+    """Folder that docs/score_manifest.py wrote, for the weights of all runs."""
+    runs: tuple[Path, ...] = ()
+    """Folders that m3depth.train wrote. Their names are those of the methods."""
+    records: tuple[Path, ...] = ()
+    """Records of further methods, which an earlier call wrote into the folder records of its --out."""
     size: int = 512
-    """Width of the pairs [px], one of the manifest's sizes."""
+    """Width of the pairs in --scores [px], one of the manifest's sizes."""
     reference: str | None = None
-    """Method whose errors the others are divided by, as the tables call it. Without it, that of the first of --runs."""
+    """Method whose errors the others are divided by, as the tables call it. Without it, that of the first of --runs, or
+    else of the first of --records."""
 
     def __post_init__(self) -> None:
         names = [run.name for run in self.runs]
-        if not names or len(set(names)) < len(names):
-            raise ValueError("runs must name one folder or more, each with a name of its own")
+        if len(set(names)) < len(names):
+            raise ValueError("runs must have different names")
+        if self.scores is None and not self.records:
+            raise ValueError("scores or records must name what is compared")
+        if self.runs and self.scores is None:
+            raise ValueError("runs needs scores: the --out of docs/score_manifest.py for these weights")
 
-    @property
-    def reference_name(self) -> str:
-        """The method whose errors the others are divided by."""
-        return self.runs[0].name if self.reference is None else self.reference
 
+def read_records(options: Options) -> list[dict[str, Any]]:
+    """Return the records of all methods: first those of the runs, then others in the scores, then those of files.
 
-def read_scores(options: Options) -> dict[str, list[dict[str, Any]]]:
-    """Return results.json of m3depth.evaluate of every place, by set of the manifest.
+    A method without training, such as SGBM, gives the same scores each time, and counts once.
 
     Raises:
-        DatasetError: There are none, or a run or the reference has no scores in them.
+        DatasetError: Something is missing or malformed, two trained methods have one name, or the methods were scored
+            on different pairs.
     """
-    scores: dict[str, list[dict[str, Any]]] = {}
-    for path in sorted(options.scores.glob(f"depth/{options.size}/*/*/results.json")):
-        scores.setdefault(path.parts[-3], []).append({"place": path.parts[-2], **read_json(path)})
-    if not scores:
-        raise DatasetError(f"--scores {options.scores}: holds no scores of {options.size} px of score_manifest")
-    for name, parts in scores.items():
-        for part in parts:
-            if part["methods"].keys() != parts[0]["methods"].keys():
-                raise DatasetError(f"--scores {options.scores}: {name}/{part['place']} has other methods than the rest")
-        for run in options.runs:
-            if run.name not in parts[0]["methods"]:
-                raise DatasetError(f"--runs {run}: {options.scores} has no scores of {run.name} in {name}")
-        if options.reference_name not in parts[0]["methods"]:
-            methods = ", ".join(parts[0]["methods"])
-            raise DatasetError(f"--reference {options.reference_name}: {name} has scores of {methods} alone")
-    return scores
+    records: list[dict[str, Any]] = []
+    if options.scores is not None:
+        methods = scored_methods(options.scores, options.size)
+        trained = {run.name: record_of_run(run) for run in options.runs}
+        for name, run in zip(trained, options.runs):
+            if name not in methods:
+                raise DatasetError(f"--runs {run}: {options.scores} has no scores of {name}")
+        records += [
+            {"name": name, "size": options.size, "run": trained.get(name), "sets": methods[name]}
+            for name in (*trained, *(label for label in methods if label not in trained))
+        ]
+    for path in options.records:
+        record = read_record(path)
+        same = [other for other in records if other["name"] == record["name"]]
+        if same and (record["run"] or same[0]["run"]):
+            raise DatasetError(f"--records {path}: another method is called {record['name']} too")
+        if not same:
+            records.append(record)
+    check_same_pairs(records)
+    return records
 
 
-def metrics(parts: Sequence[Mapping[str, Any]], reference: str) -> dict[str, dict[str, Any]]:
+def pairs_of(of_set: Mapping[str, Any]) -> tuple[list[dict[str, float | None]], list[tuple[str, str]]]:
+    """Return the figures of each pair of a set of a record, and its scene, which a place has for itself."""
+    figures, scenes = [], []
+    for place, part in of_set["places"].items():
+        columns = part["figures"]
+        figures += [dict(zip(columns, values)) for values in zip(*columns.values(), strict=True)]
+        scenes += [(place, scene) for scene in part["scenes"]]
+    return figures, scenes
+
+
+def metrics(of_set: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, Any]:
     """Return the means over images of the paper's seven depth and six normal metrics, with intervals over scenes.
 
     Args:
-        parts: The places of a set.
-        reference: The method whose errors the others are divided by.
+        of_set: A set of a record.
+        reference: The same set of the method whose errors the others are divided by.
 
     Returns:
-        By method and metric, "value" and "interval"; for RATIOS "ratio" too, to the reference on the same pairs, and
+        By metric, "value" and "interval"; for RATIOS "ratio" too, to the reference on the same pairs, and
         "ratio_interval", of the paired bootstrap over the scenes. None where it is not known.
     """
-    pairs = [(part["place"], pair) for part in parts for pair in part["per_pair"]]
-    scenes = [(place, pair["scene"]) for place, pair in pairs]
-    rivals = [pair[reference] for _, pair in pairs]
-    columns = {**DEPTH_COLUMNS, **{f"normal_{name}": title for name, title in NORMAL_COLUMNS.items()}}
-    terms = {name: Term(title, partial(_of_image, name), ratio=name in RATIOS) for name, title in columns.items()}
-    result = {}
-    for label in parts[0]["methods"]:
-        records = [pair[label] for _, pair in pairs]
-        result[label] = {name: _metric(term, records, scenes, rivals) for name, term in terms.items()}
-    return result
+    pairs, scenes = pairs_of(of_set)
+    others, _ = pairs_of(reference)
+    return {
+        name: _metric(Term(title, partial(_of_image, name), ratio=name in RATIOS), pairs, scenes, others)
+        for name, title in COLUMNS.items()
+    }
 
 
 def _metric(
-    term: Term, records: Sequence[Mapping[str, Any]], scenes: Sequence[Any], rivals: Sequence[Mapping[str, Any]]
+    term: Term, records: Sequence[Mapping[str, Any]], scenes: Sequence[Any], others: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return a metric, whose ratio is to the reference here; arguments as of manifest_summary.figure."""
     names = {"to_sgbm": "ratio", "to_sgbm_interval": "ratio_interval"}
-    return {names.get(key, key): value for key, value in figure(term, records, scenes, rivals).items()}
+    return {names.get(key, key): value for key, value in figure(term, records, scenes, others).items()}
 
 
 def _of_image(name: str, record: Mapping[str, Any]) -> tuple[float, float]:
@@ -130,89 +155,50 @@ def _of_image(name: str, record: Mapping[str, Any]) -> tuple[float, float]:
     return (0.0, 0.0) if value is None else (value, 1.0)
 
 
-def intervals(parts: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def intervals(of_set: Mapping[str, Any]) -> dict[str, Any]:
     """Return the errors by true depth over all pixels of a set, in the form of Scores.result() of m3depth.evaluate."""
-    return {
-        label: {
-            "intervals": _joined([p["methods"][label] for p in parts]),
-            "gets_truth": bool(first.get("gets_truth")),
-        }
-        for label, first in parts[0]["methods"].items()
-    }
-
-
-def _joined(results: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    parts = [*of_set["places"].values()]
     rows = []
-    for i, (near, far) in enumerate(pairwise(INTERVAL_EDGES)):
-        cells = [result["intervals"][i] for result in results if result["intervals"][i]["pixels"]]
+    for i in range(len(INTERVAL_EDGES) - 1):
+        cells = [part["intervals"][i] for part in parts if part["intervals"][i]["pixels"]]
         pixels = np.array([cell["pixels"] for cell in cells], float)
-        pooled = {}
+        pooled: dict[str, float | None] = {}
         for name in POOLED:
             power = 2 if name == "rmse" else 1
             values = np.array([cell["pooled"][name] for cell in cells]) ** power
-            pooled[name] = float((values @ pixels / pixels.sum()) ** (1 / power)) if len(cells) else None
-        rows.append({"from_m": float(near), "to_m": float(far), "pixels": int(pixels.sum()), "pooled": pooled})
-    return rows
-
-
-def training(run: Path) -> dict[str, Any]:
-    """Return the steps, the minutes, the starts and the errors at the validations of a run.
-
-    Where other programs kept the processor busy, the minutes of the processor, which the log counts from each start on,
-    compare runs better than those of the clock.
-
-    Raises:
-        DatasetError: It is no folder of a run.
-    """
-    log = run / "log.jsonl"
-    if not log.is_file():
-        raise DatasetError(f"--runs {run}: has no log.jsonl of m3depth.train")
-    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
-    steps = [line for line in lines if line["kind"] == "train"]
-    if not steps:
-        raise DatasetError(f"--runs {run}: its log.jsonl has no step")
-    processor, before, last = [], 0.0, 0.0
-    for line in lines:
-        if line["kind"] == "start":
-            before, last = before + last, 0.0
-        elif line["kind"] == "train":
-            last = line["processor_minutes"]
-            processor.append(before + last)
-    at = [line["step"] for line in steps]
+            pooled[name] = float((values @ pixels / pixels.sum()) ** (1 / power)) if cells else None
+        edges = {"from_m": float(INTERVAL_EDGES[i]), "to_m": float(INTERVAL_EDGES[i + 1])}
+        rows.append({**edges, "pixels": int(pixels.sum()), "pooled": pooled})
     return {
-        "steps": steps[-1]["step"],
-        "minutes": steps[-1]["minutes"],
-        "processor_minutes": processor[-1],
-        "starts": [line for line in lines if line["kind"] == "start"],
-        "validations": [
-            {
-                "step": line["step"],
-                "processor_minutes": float(np.interp(line["step"], at, processor)),
-                "epe": line["epe"],
-                "normal": line.get("normal"),
-            }
-            for line in lines
-            if line["kind"] == "val"
-        ],
+        "intervals": rows,
+        "gets_truth": any(part["gets_truth"] for part in parts),
+        "normals_are_fitted": any(part["normals_are_fitted"] for part in parts),
     }
 
 
-def cost(weights: Path) -> dict[str, Any]:
+def cost(network: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of a network, its seconds for a pair of 512 x 512 px and its process's most memory [MiB].
 
-    It runs in a process of its own, with as many threads as PyTorch takes. "gets_truth" and "on_m3depth": whether it
-    is given the true depth, or that of an M3Depth, which runs too and whose parameters are not counted.
+    It runs with random weights in a process of its own, with as many threads as PyTorch takes. "gets_truth" and
+    "on_m3depth": whether it is given the true depth, or that of an M3Depth, which runs too and whose parameters are not
+    counted: here that of the package, whichever it was in the training.
+
+    Args:
+        network: Its sizes, as a record has them.
     """
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_cost, (weights,))
+        return pool.apply(_cost, (network,))
 
 
-def _cost(weights: Path) -> dict[str, Any]:
+def _cost(sizes: Mapping[str, Any]) -> dict[str, Any]:
     random = np.random.default_rng(0)
     shape = (NATECAM.camera.height, NATECAM.camera.width)
     left = random.integers(0, 256, shape, dtype=np.uint8)
     right = np.roll(left, -SHIFT, axis=1)
-    network = load_network(weights)
+    config = config_from_dict(dict(sizes))
+    if isinstance(config, NormalConfig):
+        config = replace(config, depth_weights="", depth_sha256="")
+    network = new_network(config).eval()
     infer = network.infer
     if isinstance(network, NormalNetwork):
         infer = network.with_truth(np.full(shape, SHIFT, np.float32)).infer
@@ -257,7 +243,20 @@ def curves_figure(runs: Mapping[str, Mapping[str, Any]], path: Path) -> None:
 def markdown(content: Mapping[str, Any]) -> str:
     """Return the page. Its tables put the method of the lowest Abs Rel first, and those with the true depth last."""
     runs = marked(content["runs"])
-    lines = ["# Methods compared", ""]
+    lines = ["# Methods compared"]
+    if runs:
+        lines += [
+            "",
+            f"Seconds and memory are those of a pair of 512 x 512 px on {content['versions']['cpus']} processors.",
+            "",
+        ]
+        lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs)]
+    for name, part in content["sets"].items():
+        lines += _set_section(name, part, content["reference"])
+    return "\n".join([*lines, ""])
+
+
+def _cost_table(runs: Mapping[str, Any]) -> list[str]:
     rows = [
         [
             name, f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"], f"{run['seconds']:.2f}",
@@ -267,52 +266,51 @@ def markdown(content: Mapping[str, Any]) -> str:
         for name, run in runs.items()
     ]  # fmt: skip
     columns = ["method", "parameters", "s for a pair", "memory [MiB]"]
-    lines += table([*columns, "steps", "processor minutes of training", "minutes of training"], rows)
-    lines += ["", "## Commands", "", *table(["method", "seed", "commit", "command"], _starts(runs))]
-    for name, part in content["sets"].items():
-        titles = dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
-        order = sorted(part["metrics"], key=partial(_rank, part))
-        lines += [
-            "",
-            f"## {name}",
-            "",
-            f"{counted(part['pairs'], 'pair')} of {counted(part['scenes'], 'scene')}; means",
-        ]
-        lines[-1] += " over images, with 95 % intervals over scenes."
-        for columns, prefix in ((DEPTH_COLUMNS, ""), (NORMAL_COLUMNS, "normal_")):
-            cells = [
-                [titles[label], *(_cell(part["metrics"][label][prefix + key]) for key in columns)] for label in order
-            ]
-            lines += ["", *table(["method", *columns.values()], cells)]
-        reference = content["reference"]
-        lines += ["", f"Errors over those of {titles[reference]} on the same pairs, with intervals of the paired"]
-        lines[-1] += " bootstrap over scenes:"
-        cells = [
-            [titles[label], *(_cell(part["metrics"][label][key], "ratio") for key in RATIOS)]
-            for label in order
-            if label != reference
-        ]
-        lines += ["", *table(["method", *RATIOS.values()], cells)]
-        lines += ["", "Mean absolute error [m] by true depth, over all pixels:", ""]
-        depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
-        cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
-        lines += table(["depth", *(titles[label] for label in order)], cells)
-    return "\n".join([*lines, ""])
+    return table([*columns, "steps", "processor minutes of training", "minutes of training"], rows)
 
 
-def _starts(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Return a row for each run, with all of its commits and its last command."""
-    return [
+def _starts(runs: Mapping[str, Any]) -> list[str]:
+    """Return a table with a row for each run, with all of its commits and data, its last command and its weights."""
+    rows = [
         [
             name,
-            *(
-                ", ".join(dict.fromkeys(str(start[key]) for start in run["starts"])) or "-"
-                for key in ("seed", "commit")
-            ),
+            *(_all(run["starts"], "seed"), _all(run["starts"], "commit"), _all(run["starts"], "data")),
             f"`{run['starts'][-1]['command']}`" if run["starts"] else "-",
+            run["weights_sha256"][:DIGEST],
         ]
         for name, run in runs.items()
     ]
+    return table(["method", "seed", "commit", "data", "command", "SHA-256 of the weights"], rows)
+
+
+def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:
+    return ", ".join(dict.fromkeys(str(start.get(key, "-"))[:DIGEST] for start in starts)) or "-"
+
+
+def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str]:
+    """Return the tables of a set."""
+    titles = dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
+    of_planes = {k: t + ", planes fitted" * part["intervals"][k]["normals_are_fitted"] for k, t in titles.items()}
+    order = sorted(part["metrics"], key=partial(_rank, part))
+    lines = ["", f"## {name}", ""]
+    lines += [f"{counted(part['pairs'], 'pair')} of {counted(part['scenes'], 'scene')}; means over images, with 95 %"]
+    lines[-1] += " intervals over scenes."
+    for prefix, columns, names in (("", [*DEPTH_COLUMNS, VISIBLE], titles), ("normal_", NORMAL_COLUMNS, of_planes)):
+        keys = [prefix + key for key in columns]
+        cells = [[names[label], *(_cell(part["metrics"][label][key]) for key in keys)] for label in order]
+        lines += ["", *table(["method", *(COLUMNS[key] for key in keys)], cells)]
+    lines += ["", f"Errors over those of {titles[reference]} on the same pairs, with intervals of the paired bootstrap"]
+    lines[-1] += " over scenes:"
+    cells = [
+        [titles[label], *(_cell(part["metrics"][label][key], "ratio") for key in RATIOS)]
+        for label in order
+        if label != reference
+    ]
+    lines += ["", *table(["method", *RATIOS.values()], cells)]
+    lines += ["", "Mean absolute error [m] by true depth, over all pixels:", ""]
+    depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
+    cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
+    return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]
 
 
 def _rank(part: Mapping[str, Any], label: str) -> tuple[bool, float]:
@@ -333,30 +331,51 @@ def _mae(part: Mapping[str, Any], label: str, index: int) -> str:
     return "-" if value is None else number(value)
 
 
+def compared(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page shows of the sets: "pairs", "scenes", and "metrics" and "intervals" by method.
+
+    Args:
+        records: The methods, of the same pairs.
+        reference: The one whose errors the others are divided by.
+    """
+    sets = {}
+    for name, of_set in reference["sets"].items():
+        _, scenes = pairs_of(of_set)
+        sets[name] = {
+            "pairs": len(scenes),
+            "scenes": len(set(scenes)),
+            "metrics": {record["name"]: metrics(record["sets"][name], of_set) for record in records},
+            "intervals": {record["name"]: intervals(record["sets"][name]) for record in records},
+        }
+    return sets
+
+
 def work(options: Options) -> None:
-    """Read the scores and the runs, measure the networks, and write the page."""
-    trained = {run.name: training(run) for run in options.runs}
-    scores = read_scores(options)
-    options.out.mkdir(parents=True, exist_ok=True)
+    """Read the scores, runs and records, measure the networks, and write the page."""
+    records = read_records(options)
+    named = {record["name"]: record for record in records}
+    reference = options.reference or records[0]["name"]
+    if reference not in named:
+        raise DatasetError(f"--reference {reference}: there are scores of {', '.join(named)} alone")
+    for record in records:
+        write_atomically(options.out / "records" / f"{record['name']}.json", (json_text(record) + "\n").encode())
+    trained = {name: record["run"] for name, record in named.items() if record["run"]}
     content: dict[str, Any] = {
-        "reference": options.reference_name,
-        "runs": {run.name: {**trained[run.name], **cost(run / "weights.safetensors")} for run in options.runs},
-        "sets": {
-            name: {
-                "pairs": sum(len(part["per_pair"]) for part in parts),
-                "scenes": sum(len({pair["scene"] for pair in part["per_pair"]}) for part in parts),
-                "metrics": metrics(parts, options.reference_name),
-                "intervals": intervals(parts),
-            }
-            for name, parts in scores.items()
+        "reference": reference,
+        "versions": versions(),
+        "runs": {
+            name: {**run["training"], "weights_sha256": run["weights_sha256"], **cost(run["network"])}
+            for name, run in trained.items()
         },
+        "sets": compared(records, named[reference]),
     }
     for name, part in content["sets"].items():
         interval_figure(dict(marked(part["intervals"])), options.out / f"error_by_depth_{name}.png", NATECAM.fb)
-    curves_figure(trained, options.out / "curves.png")
+    if trained:
+        curves_figure({name: run["training"] for name, run in trained.items()}, options.out / "curves.png")
     write_json(options.out / "methods.json", content, sort_keys=False)
     write_atomically(options.out / "methods.md", markdown(content).encode())
-    print(f"{counted(len(trained), 'run')}; the page is {options.out / 'methods.md'}")
+    print(f"{counted(len(records), 'method')}; the page is {options.out / 'methods.md'}")
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,5 +1,6 @@
 """The page that compares trained networks, from scores and runs that are known."""
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -22,12 +23,17 @@ EDGES = range(16)
 def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str, given: str = "") -> dict:
     """results.json of a place with one pair, whose methods have an error of an image and one in the depth 2 to 3 m.
 
-    The method `given` got the true depth.
+    The method `given` got the true depth. SGBM gives no normals, so that planes are fitted to its depth.
     """
-    columns = [*DEPTH_COLUMNS, *(f"normal_{name}" for name in NORMAL_COLUMNS)]
+    normals = {label: "fitted_normal_" if label == "SGBM" else "normal_" for label in methods}
     return {
+        "degrade": None,
+        "data_sha256": f"pairs of {pixels} px",
         "per_pair": [
-            {"scene": scene, **{label: {name: value for name in columns} for label, (value, _) in methods.items()}}
+            {"pair": f"{scene}/00", "scene": scene,
+             **{label: {**dict.fromkeys(DEPTH_COLUMNS, value), "kinds": {"visible": {"epe": value / 2}},
+                        **{f"{normals[label]}{name}": value for name in NORMAL_COLUMNS}}
+                for label, (value, _) in methods.items()}}
         ],
         "methods": {
             label: {
@@ -37,6 +43,7 @@ def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str, giv
                     for near in EDGES[:-1]
                 ],
                 "gets_truth": label == given,
+                "normals_are_fitted": False,
             }
             for label, (_, error) in methods.items()
         },
@@ -59,6 +66,7 @@ def folders(tmp_path) -> tuple[Path, Path]:
             "kind": "start",
             "step": 0,
             "seed": 3,
+            "data": "feedc0de" * 8,
             "commit": "0123456789ab",
             "command": "python -m m3depth.train --seed 3",
         },
@@ -69,6 +77,7 @@ def folders(tmp_path) -> tuple[Path, Path]:
             "kind": "start",
             "step": 60,
             "seed": 3,
+            "data": "feedc0de" * 8,
             "commit": "ba9876543210",
             "command": "python -m m3depth.train --again",
         },
@@ -108,6 +117,8 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert clean["metrics"]["mine"]["normal_median"]["interval"] == pytest.approx([0.02, 0.04])
     assert clean["metrics"]["SGBM"]["epe"]["ratio"] == pytest.approx(0.08 / 0.03)  # mine is the reference
     assert clean["metrics"]["SGBM"]["epe"]["ratio_interval"] == pytest.approx([2, 4])
+    assert clean["metrics"]["SGBM"]["normal_mean"]["ratio"] == pytest.approx(0.08 / 0.03)  # of the fitted planes
+    assert clean["metrics"]["mine"]["visible_epe"]["value"] == pytest.approx(0.015)
     assert "ratio" not in clean["metrics"]["mine"]["rmse"]
     third = clean["intervals"]["mine"]["intervals"][2]
     assert third["pixels"] == 400 and third["pooled"]["mae"] == pytest.approx((0.1 + 3 * 0.3) / 4)
@@ -115,12 +126,15 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert clean["intervals"]["mine"]["intervals"][0]["pooled"]["mae"] is None
     page = (out / "methods.md").read_text()
     assert mine["memory_mib"] == 300 and mine["seconds"] == 1.0 and "| 1.00 | 300 | 100 | 21 | 12 |" in page
-    assert "| mine | 3 | 0123456789ab, ba9876543210 | `python -m m3depth.train --again` |" in page
+    digest = hashlib.sha256((run / "weights.safetensors").read_bytes()).hexdigest()[:12]
+    command = "`python -m m3depth.train --again`"
+    assert f"| mine | 3 | 0123456789ab, ba9876543210 | feedc0defeed | {command} | {digest} |" in page
+    assert "| SGBM, planes fitted | 0.0800" in page and "mine, planes" not in page
     assert page.index("| mine | 0.0300 (0.0200 to 0.0400)") < page.index("| SGBM | 0.0800")
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page
     assert "Errors over those of mine on the same pairs" in page
     assert (
-        "| SGBM | " + " | ".join(["2.667 (2.000 to 4.000)"] * 3) + " |" in page and page.count("| mine | 0.0300 (") == 2
+        "| SGBM | " + " | ".join(["2.667 (2.000 to 4.000)"] * 4) + " |" in page and page.count("| mine | 0.0300 (") == 2
     )
     for picture in ("curves.png", "error_by_depth_clean.png"):
         assert cv2.imread(str(out / picture)).std() > 5
@@ -167,16 +181,42 @@ def test_a_method_that_gets_the_true_depth_is_timed_with_it_marked_and_comes_las
     assert one.shape[1] == 2 * 7 * 120 and two.std() > 5  # a panel of the normals beside that of the disparity
 
 
+def test_records_of_two_calls_become_the_page_of_one(compare_methods, folders, measured, tmp_path):
+    scores, run = folders
+    assert compare_methods.main(flags(scores, tmp_path / "one", run)) == 0
+    records = [str(tmp_path / "one/records" / f"{name}.json") for name in ("mine", "SGBM")]
+    assert compare_methods.main(["--records", *records, "--out", str(tmp_path / "again")]) == 0
+    pages = [(tmp_path / name / "methods.md").read_text() for name in ("one", "again")]
+    assert pages[0] == pages[1]
+
+    # A second training, scored with SGBM too, which counts once.
+    other = run.rename(run.with_name("other"))
+    for place in ("gale", "utopia"):
+        file = scores / "depth/512/clean" / place / "results.json"
+        file.write_text(file.read_text().replace('"mine"', '"other"'))
+    assert compare_methods.main([*flags(scores, tmp_path / "both", other), "--records", *records]) == 0
+    content = read_json(tmp_path / "both/methods.json")
+    assert [*content["runs"]] == ["other", "mine"] and [*content["sets"]["clean"]["metrics"]] == [
+        "other",
+        "SGBM",
+        "mine",
+    ]
+    assert content["reference"] == "other"
+    both = content["sets"]["clean"]["metrics"]
+    assert both["mine"] == {**both["other"]} and cv2.imread(str(tmp_path / "both/curves.png")).std() > 5
+
+
 @pytest.mark.parametrize(
     ("case", "message"),
     [
+        ("no weights", "weights.json"),
         ("no scores", "holds no scores of 512 px of score_manifest"),
         ("other methods", "clean/utopia has other methods than the rest"),
-        ("not scored", "has no scores of other in clean"),
+        ("not scored", "has no scores of other"),
         ("no run", "has no log.jsonl of m3depth.train"),
         ("no step", "its log.jsonl has no step"),
-        ("no reference", "--reference theirs: clean has scores of SGBM, mine alone"),
-        ("twice", "--runs must name one folder or more, each with a name of its own"),
+        ("no reference", "--reference theirs: there are scores of mine, SGBM alone"),
+        ("twice", "--runs must have different names"),
     ],
 )
 def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case, message):
@@ -193,6 +233,8 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
         (run / "log.jsonl").unlink()
     elif case == "no step":
         (run / "log.jsonl").write_text("")
+    elif case == "no weights":
+        (run / "weights.json").unlink()
     elif case == "twice":
         runs = [run, tmp_path / "mine"]
     reference = ["--reference", "theirs"] if case == "no reference" else []
@@ -200,3 +242,42 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1 and message in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("nothing", "--scores or records must name what is compared"),
+        ("no scores", "--runs needs scores"),
+        ("no record", "is no record of compare_methods"),
+        ("taken", "another method is called mine too"),
+        ("other size", "theirs and mine were scored on pairs of 256 and 512 px"),
+        ("other sets", "theirs and mine were scored on other sets: sun10; clean"),
+        ("other pairs", "theirs and mine were scored on other pairs of clean"),
+    ],
+)
+def test_records_that_cannot_be_compared_are_one_line(
+    compare_methods, folders, measured, tmp_path, capsys, case, message
+):
+    scores, run = folders
+    assert compare_methods.main(flags(scores, tmp_path / "one", run)) == 0
+    mine = tmp_path / "one/records/mine.json"
+    record = {**read_json(mine), "name": "theirs"}
+    if case == "other size":
+        record["size"] = 256
+    elif case == "other sets":
+        record["sets"] = {"sun10": record["sets"]["clean"]}
+    elif case == "other pairs":
+        record["sets"]["clean"]["places"]["gale"]["data"] = "others"
+    elif case == "taken":
+        record["name"] = "mine"
+    elif case == "no record":
+        del record["sets"]
+    theirs = tmp_path / "theirs.json"
+    theirs.write_text(json.dumps(record))
+    arguments = ["--records", str(mine), str(theirs)]
+    arguments = {"nothing": [], "no scores": ["--runs", str(run), *arguments]}.get(case, arguments)
+    assert compare_methods.main([*arguments, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") or error.count("\n") > 1
+    assert message in error and not (tmp_path / "out").exists()

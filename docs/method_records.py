@@ -1,0 +1,178 @@
+"""Records of methods for docs/compare_methods.py: one JSON file a method, with its scores, training and sizes.
+
+A record holds all that the page needs of a method, so that methods can be trained and scored one after the other, on
+machines that are gone by the time the page is written. Records of the same pairs can be compared pair by pair.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
+from marssim.base.files.json_file import DatasetError, read_json
+
+VISIBLE = "visible_epe"  # the figure of the pixels that both eyes see
+DIGITS = 6  # significant digits of the figures of a pair
+COLUMNS = {
+    **DEPTH_COLUMNS,
+    VISIBLE: "EPE of what both eyes see [px] ↓",
+    **{f"normal_{name}": title for name, title in NORMAL_COLUMNS.items()},
+}
+"""The figures of a pair, with their headings in tables."""
+
+
+def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
+    """Return the scores of every method in a folder of docs/score_manifest.py.
+
+    Args:
+        folder: The --out of that command.
+        size: Width of the pairs [px].
+
+    Returns:
+        By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
+        "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
+        none), "intervals" (errors by true depth), "gets_truth", and "normals_are_fitted" (whether the normals are those
+        of planes that are fitted to the depth).
+
+    Raises:
+        DatasetError: There are none, or the places do not have the same methods.
+    """
+    methods: dict[str, dict[str, Any]] = {}
+    labels: list[str] = []
+    for path in sorted(folder.glob(f"depth/{size}/*/*/results.json")):
+        part, name, place = read_json(path), path.parts[-3], path.parts[-2]
+        labels = labels or [*part["methods"]]
+        if [*part["methods"]] != labels:
+            raise DatasetError(f"--scores {folder}: {name}/{place} has other methods than the rest")
+        for label in labels:
+            of_set = methods.setdefault(label, {}).setdefault(name, {"degrade": part["degrade"], "places": {}})
+            of_set["places"][place] = _of_place(part, label)
+    if not methods:
+        raise DatasetError(f"--scores {folder}: holds no scores of {size} px of score_manifest")
+    return methods
+
+
+def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
+    pairs = part["per_pair"]
+    records = [_with_normals(pair[label]) for pair in pairs]
+    result = part["methods"][label]
+    return {
+        "data": part["data_sha256"],
+        "pairs": [pair["pair"] for pair in pairs],
+        "scenes": [pair["scene"] for pair in pairs],
+        "figures": {name: [_rounded(record.get(name)) for record in records] for name in COLUMNS},
+        "intervals": result["intervals"],
+        "gets_truth": bool(result.get("gets_truth")),
+        "normals_are_fitted": result["normals_are_fitted"] or not any("normal_mean" in pair[label] for pair in pairs),
+    }
+
+
+def _with_normals(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of a pair, where the fitted normals stand for those that the method lacks."""
+    fitted = {f"normal_{name}": record.get(f"fitted_normal_{name}") for name in NORMAL_COLUMNS}
+    return {VISIBLE: record.get("kinds", {}).get("visible", {}).get("epe"), **fitted, **record}
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.{DIGITS}g}")
+
+
+def record_of_run(run: Path) -> dict[str, Any]:
+    """Return what a record holds of a folder of m3depth.train.
+
+    Returns:
+        "network", the sizes (m3depth.kinds.config.config_from_dict), "weights_sha256" and "training".
+
+    Raises:
+        DatasetError: It is no folder of a run, or holds no step.
+        FileNotFoundError: It holds no weights.
+    """
+    trained = training(run)
+    weights = run / "weights.safetensors"
+    network = read_json(weights.with_suffix(".json"))
+    return {
+        "network": network, "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(), "training": trained,
+    }  # fmt: skip
+
+
+def training(run: Path) -> dict[str, Any]:
+    """Return the steps, the minutes, the starts and the errors at the validations of a run.
+
+    Where other programs kept the processor busy, the minutes of the processor, which the log counts from each start on,
+    compare runs better than those of the clock.
+
+    Raises:
+        DatasetError: It is no folder of a run.
+    """
+    log = run / "log.jsonl"
+    if not log.is_file():
+        raise DatasetError(f"--runs {run}: has no log.jsonl of m3depth.train")
+    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    steps = [line for line in lines if line["kind"] == "train"]
+    if not steps:
+        raise DatasetError(f"--runs {run}: its log.jsonl has no step")
+    processor, before, last = [], 0.0, 0.0
+    for line in lines:
+        if line["kind"] == "start":
+            before, last = before + last, 0.0
+        elif line["kind"] == "train":
+            last = line["processor_minutes"]
+            processor.append(before + last)
+    at = [line["step"] for line in steps]
+    return {
+        "steps": steps[-1]["step"],
+        "minutes": steps[-1]["minutes"],
+        "processor_minutes": processor[-1],
+        "starts": [line for line in lines if line["kind"] == "start"],
+        "validations": [
+            {
+                "step": line["step"],
+                "processor_minutes": float(np.interp(line["step"], at, processor)),
+                "epe": line["epe"],
+                "normal": line.get("normal"),
+            }
+            for line in lines
+            if line["kind"] == "val"
+        ],
+    }
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return a record that docs/compare_methods.py wrote.
+
+    Raises:
+        DatasetError: It is none.
+    """
+    record: dict[str, Any] = read_json(path)
+    if not isinstance(record, dict) or not {"name", "size", "run", "sets"} <= record.keys():
+        raise DatasetError(f"--records {path}: is no record of compare_methods")
+    return record
+
+
+def check_same_pairs(records: Sequence[Mapping[str, Any]]) -> None:
+    """Raise DatasetError, one line, unless all records are of the same sets, places, pairs and degradations."""
+    first = records[0]
+    for record in records[1:]:
+        both = f"{record['name']} and {first['name']}"
+        if record["size"] != first["size"]:
+            raise DatasetError(f"{both} were scored on pairs of {record['size']} and {first['size']} px")
+        if record["sets"].keys() != first["sets"].keys():
+            raise DatasetError(f"{both} were scored on other sets: {_names(record['sets'])}; {_names(first['sets'])}")
+        for name, of_set in record["sets"].items():
+            other = first["sets"][name]
+            if of_set["degrade"] != other["degrade"] or _pairs(of_set) != _pairs(other):
+                raise DatasetError(f"{both} were scored on other pairs of {name}, or on another degradation of them")
+
+
+def _names(sets: Mapping[str, Any]) -> str:
+    return ", ".join(sorted(sets))
+
+
+def _pairs(of_set: Mapping[str, Any]) -> dict[str, Any]:
+    return {place: (part["data"], part["pairs"]) for place, part in of_set["places"].items()}
