@@ -14,8 +14,10 @@ and no match at half the resolution to leave out.
 
 The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and two
 figures a study at the end: STUDY.png has the errors beside the paper's, STUDY_maps.png the maps of all rows on two test
-pairs. runs/NAME-SEED holds the files of training and score.json. m3depth.train repeats a single run, with
-runs/NAME-SEED/network.json as --network and the --loss weights that score.json lists.
+pairs. runs/NAME-SEED holds the files of training and score.json. Runs that have their score.json and network.json are
+not trained again, even without the other files, so that an ablation can go on elsewhere; the maps then lack their rows.
+m3depth.train repeats a single run, with runs/NAME-SEED/network.json as --network and the --loss weights that score.json
+lists.
 """
 
 from __future__ import annotations

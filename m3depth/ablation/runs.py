@@ -37,6 +37,7 @@ from marssim.base.results.code_state import source_digest, versions
 SETTINGS = "ablation.json"  # the settings that make runs comparable, in the ablation's folder
 SCORE = "score.json"  # the figures of a run, in its folder
 FAILED = "failed.json"  # why a run failed: its loss was not finite
+WEIGHTS = "weights.safetensors"
 CODE = "code.json"  # the states of the code by which a run was trained and scored
 
 
@@ -132,12 +133,14 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
 
 
 def _draw_maps(options: AblateOptions, test: Any) -> None:
-    """Draw the maps of each study's rows that are scored, with the networks of the first seed."""
+    """Draw the maps of each study's rows that are scored and have their weights, with networks of the first seed."""
     chosen = options.chosen()
     runs = distinct(chosen.values(), options.preset)
     for name, study in chosen.items():
         folders = {row.label: _run_folder(options, runs[row.variant.name], options.seeds[0]) for row in study.rows}
-        weights = {label: path / "weights.safetensors" for label, path in folders.items() if (path / SCORE).is_file()}
+        files = {label: path / WEIGHTS for label, path in folders.items()}
+        scored = (label for label, path in folders.items() if (path / SCORE).is_file())
+        weights = {label: files[label] for label in scored if files[label].is_file()}
         if weights:
             examples = predicted(weights, test, chosen_device(options.device).type)
             maps_figure(examples, options.out / f"{name}_maps.png")
@@ -167,7 +170,7 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
 
 
 def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
-    """Train to the end of the budget, unless that is done or has failed.
+    """Train to the end of the budget, unless that is done, has failed, or is scored already.
 
     Raises:
         KeyboardInterrupt: A signal ended the training.
@@ -181,7 +184,7 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
         other = "; ".join(differences(before, network))
         raise ValueError(f"{file}: the run is of another network ({other}); choose another --out")
     write_json(file, network, sort_keys=False)
-    if spent_budget(run.config, *saved_progress(run.folder)):
+    if (run.folder / SCORE).is_file() or spent_budget(run.config, *saved_progress(run.folder)):
         return
     _note_code(run.folder)
     try:
@@ -197,7 +200,7 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     steps, seconds = saved_progress(run.folder)
     if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
         return False
-    model = M3Depth.from_pretrained(run.folder / "weights.safetensors")
+    model = M3Depth.from_pretrained(run.folder / WEIGHTS)
     device = chosen_device(options.device)
     _note_code(run.folder)
     code = read_json(run.folder / CODE)["code"]

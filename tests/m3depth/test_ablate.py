@@ -15,7 +15,7 @@ from small_network import SMALL
 from m3depth.ablate import main
 from m3depth.ablation import runs as ablation
 from m3depth.ablation.config import AblateOptions
-from m3depth.ablation.runs import plan
+from m3depth.ablation.runs import SETTINGS, plan
 from m3depth.network import config as network_config
 from m3depth.network.model import M3Depth
 from m3depth.training import loop as training
@@ -109,6 +109,18 @@ def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, ablated, tmp_p
         one, other = (new["by_seed"][seed]["normal_mean"] for seed in ("0", "1"))
         assert one == old["here"]["normal_mean"] != other
         assert new["here"]["normal_mean"] == pytest.approx((one + other) / 2)
+
+
+def test_scored_runs_go_on_elsewhere_without_their_weights(plane_set, ablated, tmp_path, trained) -> None:
+    out = tmp_path / "elsewhere"
+    kept = [*ablated.glob("runs/*-0/score.json"), *ablated.glob("runs/*-0/network.json"), ablated / SETTINGS]
+    for file in kept:
+        copy = out / file.relative_to(ablated)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(file, copy)
+    assert len(kept) == 9
+    assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 0 and trained == []
+    assert rows_of(out) == rows_of(ablated) and not (out / "components_maps.png").exists()
 
 
 def test_a_killed_ablation_ends_in_the_same_figures(plane_set, ablated, tmp_path, trained, monkeypatch, capsys) -> None:
