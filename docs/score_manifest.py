@@ -55,6 +55,8 @@ class Options:
     baselines: tuple[str, ...] = ("sgbm", "sgbm-hh")
     """Classical methods whose depth is scored too, as --baselines of m3depth.evaluate names them. The navigator's map
     has SGBM alone."""
+    estimator: tuple[str, ...] = ()
+    """Further methods whose depth is scored, as --estimator of m3depth.evaluate names them."""
     map: bool = True
     """Whether the navigator's map is scored as well as the depth, which takes longer than the depth."""
     limit: int | None = None
@@ -164,10 +166,11 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
     common = ["--split", "all", *(["--limit", str(options.limit)] if options.limit else [])]
     common += ["--degrade", part.degrade] if part.degrade else []
     methods = [f"m3depth:{path}" for path in weights["map"]]
+    further = ["--estimator", *options.estimator] if options.estimator else []
     commands = {
         "depth": (
             evaluate,
-            ["--weights", *map(str, weights["depth"]), "--baselines", *options.baselines, *part.evaluate],
+            ["--weights", *map(str, weights["depth"]), "--baselines", *options.baselines, *further, *part.evaluate],
         ),
         "map": (count_rocks, ["--perception", *methods, "sgbm", "ground_truth"]),
     }

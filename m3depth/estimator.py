@@ -32,7 +32,7 @@ CLASSICAL: tuple[Classical, ...] = get_args(Classical)
 MCCNN = "mccnn"  # of the package mccnn, with semi-global matching
 BUILT_IN = (*CLASSICAL, MCCNN)  # methods that need no file of weights or class from the user
 FORMS = (M3DEPTH, "sgbm", "m3depth:WEIGHTS", "package.module:Class", *BUILT_IN[1:])  # every name that is understood
-FILL = ",fill"  # after a name: unknown pixels are filled
+Holes = Literal["given", "fill", "unfilled"]  # what is done with unknown pixels; the last two may follow a name
 CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 
 
@@ -91,6 +91,28 @@ class FilledEstimator:
         return filled_prediction(inferred(self.estimator, left, right, rig, **settings), rig)
 
 
+class UnfilledEstimator:
+    """A classical method whose holes stay unknown: pixels where nothing matches are not filled.
+
+    Args:
+        matcher: The method, one of BUILT_IN, whose confidence is 0 where it has filled.
+    """
+
+    def __init__(self, matcher: Estimator) -> None:
+        self.estimator = matcher
+        self.normals_are_fitted = True
+
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
+        """Return the method's maps, NaN where it has no match; arguments as of Estimator.infer."""
+        maps = inferred(self.estimator, left, right, rig)
+        assert maps.normal is not None
+        matched = maps.confidence > 0
+        depth, disparity = (np.where(matched, values, np.float32(np.nan)) for values in (maps.depth, maps.disparity))
+        return Prediction(
+            depth, disparity, np.where(matched[..., None], maps.normal, np.float32(np.nan)), maps.confidence
+        )
+
+
 def takes_setting(estimator: Estimator, name: str) -> bool:
     """Return whether a method's infer has an argument, such as nearest, beside the pair."""
     inner = estimator.estimator if isinstance(estimator, FilledEstimator) else estimator
@@ -109,17 +131,18 @@ class EstimatorName:
         name: "m3depth" (the shipped weights), "m3depth:PATH" (other weights of m3depth.train, of any network that it
             trains), one of BUILT_IN, or "package.module:Class" (a class without arguments that has infer).
         given_label: What tables call the method instead of its default label; None for the default.
-        fill: Whether unknown pixels are to be filled from the background, as those of the classical methods are.
+        holes: What is to be done with unknown pixels: "fill" fills them from the background, as those of the classical
+            methods are; "unfilled" leaves the holes of a classical method unknown; "given" changes nothing.
     """
 
     name: str
     given_label: str | None = None
-    fill: bool = False
+    holes: Holes = "given"
 
     @property
     def form(self) -> str:
-        """The name, with ",fill" after it where unknown pixels are filled."""
-        return f"{self.name}{FILL}" if self.fill else self.name
+        """The name, with ",fill" or ",unfilled" after it."""
+        return self.name if self.holes == "given" else f"{self.name},{self.holes}"
 
     @classmethod
     def parse(
@@ -133,15 +156,19 @@ class EstimatorName:
             role: What the caller calls it, for the message: a flag or an argument.
             others: Names that the caller alone understands, for the message.
             labelled: Whether a label may precede the name.
-            fillable: Whether ",fill" may follow the name.
+            fillable: Whether ",fill" may follow the name, or ",unfilled" that of a built-in method.
 
         Raises:
             ValueError: The name has none of these forms.
         """
         before, equals, after = text.partition("=")
         label, name = (before, after) if labelled and equals and ":" not in before else (None, text)
-        fill = fillable and name.endswith(FILL)
-        name = name.removesuffix(FILL) if fill else name
+        holes: Holes = "given"
+        for way in get_args(Holes)[1:] if fillable else ():
+            if name.endswith(f",{way}"):
+                name, holes = name.removesuffix(f",{way}"), way
+        if holes == "unfilled" and name not in BUILT_IN:
+            raise ValueError(f"{role} {text!r}: only {', '.join(BUILT_IN)} can be left unfilled")
         first, _, second = name.partition(":")
         if label == "" or not (name in (M3DEPTH, *BUILT_IN) or (first and second)):
             forms = ", ".join((*others, *FORMS))
@@ -149,7 +176,7 @@ class EstimatorName:
             names = (*others, M3DEPTH, *BUILT_IN)
             similar = "" if label == "" or ":" in name else did_you_mean(name, names)
             raise ValueError(f"{role} {text!r} is unknown{similar}; choose from {forms}{put_before}")
-        return cls(name, label, fill)
+        return cls(name, label, holes)
 
     @property
     def weights(self) -> Path | None:
@@ -191,7 +218,7 @@ class EstimatorName:
         if self.given_label is not None:
             return self.given_label
         if self.name in BUILT_IN:
-            return self.name.upper()
+            return self.name.upper() + ", unfilled" * (self.holes == "unfilled")
         if self.weights is None:
             return self.name.rpartition(":")[2]
         path = self._label_path()

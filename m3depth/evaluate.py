@@ -46,6 +46,7 @@ from m3depth.estimator import (
     EstimatorError,
     EstimatorName,
     FilledEstimator,
+    UnfilledEstimator,
     distinct_labels,
     load_estimator,
 )
@@ -95,7 +96,8 @@ class EvaluateOptions:
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR[,fill] ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.
-    NAME= before it names its column. ",fill" after it fills unknown pixels from the background."""
+    NAME= before it names its column. ",fill" after it fills unknown pixels from the background, and ",unfilled" after
+    that of a classical method leaves pixels without a match unknown."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
     """Folders of maps that other programs wrote, each scored in a column NAME. The maps hold disparity [px], or depth
     [m] with ",depth". ",scale=S" says that they hold S times that (-1 for RAFT-Stereo and Pandora); without it, S is 1,
@@ -162,7 +164,7 @@ def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, Estimator
 
 
 def loaded(name: EstimatorName, flag_name: str, options: EvaluateOptions) -> Estimator:
-    """Load an estimator, which fills unknown pixels where its name says so.
+    """Load an estimator, which fills unknown pixels, or leaves them unknown, where its name says so.
 
     Args:
         name: Its name.
@@ -170,7 +172,9 @@ def loaded(name: EstimatorName, flag_name: str, options: EvaluateOptions) -> Est
         options: Hold the device and the runtime.
     """
     estimator = load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
-    return FilledEstimator(estimator) if name.fill else estimator
+    if name.holes == "unfilled":
+        return UnfilledEstimator(estimator)
+    return FilledEstimator(estimator) if name.holes == "fill" else estimator
 
 
 def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:

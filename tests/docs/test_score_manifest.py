@@ -108,9 +108,12 @@ def test_the_map_is_left_out_and_the_baselines_are_those_that_the_flags_name(sco
     out = tmp_path / "out"
     arguments = ["--data", str(tmp_path / "data"), "--out", str(out), "--manifest", str(tiny), "--workers", "1"]
     arguments += ["--weights", str(weights), "--sets", "clean", "--limit", "1", "--no-map", "--baselines", "sad"]
+    arguments += ["--estimator", "sad,unfilled"]
     assert score_manifest.main(arguments) == 0
     part = read_json(out / "summary.json")["parts"]["64"]["clean"]
-    assert list(part["depth"]) == ["mine", "SAD"] and part["map"] == {} and not (out / "map").exists()
+    filled, unfilled = (part["depth"][name]["abs_rel"]["value"] for name in ("SAD", "SAD, unfilled"))
+    assert filled < unfilled  # since unknown depth counts as 80 m
+    assert list(part["depth"]) == ["mine", "SAD", "SAD, unfilled"] and part["map"] == {} and not (out / "map").exists()
     assert "In the navigator's map" not in (out / "summary.md").read_text()
 
 

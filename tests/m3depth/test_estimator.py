@@ -12,6 +12,7 @@ from m3depth.estimator import (
     Estimator,
     EstimatorError,
     EstimatorName,
+    UnfilledEstimator,
     checked_prediction,
     distinct_labels,
     inferred,
@@ -90,11 +91,33 @@ def test_tables_name_methods_by_their_labels():
 
 def test_fill_after_a_name_is_read_where_the_caller_can_fill():
     name = EstimatorName.parse("Mine=my_stereo:Net,fill", labelled=True, fillable=True)
-    assert name == EstimatorName("my_stereo:Net", "Mine", fill=True) and name.form == "my_stereo:Net,fill"
+    assert name == EstimatorName("my_stereo:Net", "Mine", "fill") and name.form == "my_stereo:Net,fill"
     assert EstimatorName.parse("sgbm,fill", fillable=True).label() == "SGBM"
     assert EstimatorName.parse("sgbm", fillable=True).form == "sgbm"
     with pytest.raises(ValueError, match="estimator 'sgbm,fill' is unknown"):
         EstimatorName.parse("sgbm,fill")
+
+
+def test_only_built_in_methods_can_be_left_unfilled():
+    name = EstimatorName.parse("sad-sgm,unfilled", fillable=True)
+    assert (name.name, name.form, name.label()) == ("sad-sgm", "sad-sgm,unfilled", "SAD-SGM, unfilled")
+    assert EstimatorName.parse("A=sgbm,unfilled", labelled=True, fillable=True).label() == "A"
+    with pytest.raises(ValueError, match=r"flag 'm3depth,unfilled': only sgbm, .*, mccnn can be left unfilled"):
+        EstimatorName.parse("m3depth,unfilled", "flag", fillable=True)
+
+
+def test_an_unfilled_method_has_the_maps_of_the_filled_one_where_it_matches(plane_samples):
+    sample, method = plane_samples[0], load_estimator("sgbm")
+    filled, unfilled = (
+        estimator.infer(sample.left, sample.right, sample.rig) for estimator in (method, UnfilledEstimator(method))
+    )
+    matched = np.isfinite(method.match(sample.left, sample.right, sample.rig))
+    assert 0 < matched.sum() < matched.size
+    for name in ("depth", "disparity", "normal"):
+        one, other = getattr(filled, name), getattr(unfilled, name)
+        np.testing.assert_array_equal(other[matched], one[matched])
+        assert np.isnan(other[~matched]).all()
+    assert checked_prediction(method, unfilled, sample.left.shape[:2]) is not None
 
 
 def test_weights_of_one_name_get_labels_that_differ():
