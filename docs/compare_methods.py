@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from manifest_summary import Term, figure
 from matplotlib.figure import Figure
-from method_records import COLUMNS, VISIBLE, check_same_pairs, read_record, record_of_run, scored_methods
+from method_records import COLUMNS, POOLED, VISIBLE, check_same_pairs, read_record, record_of_run, scored_methods
 
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
@@ -43,7 +43,6 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text, write_json
 from marssim.base.results.code_state import versions
 
-POOLED = ("mae", "rmse", "abs_rel", "bad1")  # figures of an interval of depth
 RATIOS = {
     "abs_rel": "Abs Rel", "epe": "EPE", VISIBLE: "EPE of what both eyes see",
     "normal_mean": "mean error of the normals",

@@ -18,6 +18,7 @@ from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
 from marssim.base.files.json_file import DatasetError, read_json
 
 VISIBLE = "visible_epe"  # the figure of the pixels that both eyes see
+POOLED = ("mae", "rmse", "abs_rel", "bad1")  # figures of an interval of depth
 DIGITS = 6  # significant digits of the figures of a pair
 COLUMNS = {
     **DEPTH_COLUMNS,
@@ -67,7 +68,13 @@ def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
         "pairs": [pair["pair"] for pair in pairs],
         "scenes": [pair["scene"] for pair in pairs],
         "figures": {name: [_rounded(record.get(name)) for record in records] for name in COLUMNS},
-        "intervals": result["intervals"],
+        "intervals": [
+            {
+                **{name: row[name] for name in ("from_m", "to_m", "pixels")},
+                "pooled": {name: _rounded(row["pooled"].get(name)) for name in POOLED},
+            }
+            for row in result["intervals"]
+        ],
         "gets_truth": bool(result.get("gets_truth")),
         "normals_are_fitted": result["normals_are_fitted"] or not any("normal_mean" in pair[label] for pair in pairs),
     }
