@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from manifest_summary import Term, figure
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from method_records import COLUMNS, POOLED, VISIBLE, check_same_pairs, read_record, record_of_run, scored_methods
 
 from m3depth.evaluation.cost import measured
@@ -231,6 +232,8 @@ def curves_figure(runs: Mapping[str, Mapping[str, Any]], path: Path) -> None:
                 color=METHOD_COLOURS[i % len(METHOD_COLOURS)], marker=METHOD_MARKERS[i % len(METHOD_MARKERS)],
             )  # fmt: skip
         ax.set_yscale("log")
+        for set_formatter in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.set_xlabel("processor time of the training [min]")
         ax.set_ylabel(label)
         ax.grid(True, which="both", color="0.9")
