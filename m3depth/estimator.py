@@ -10,14 +10,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
 from m3depth.runtimes.choice import check_runtime, chosen_runtime
-from m3depth.stereo.filling import filled_prediction
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
 from marssim.base.camera import StereoRig
@@ -69,54 +67,6 @@ def for_pair(estimator: Estimator, sample: Any) -> Estimator:
 def gets_truth(estimator: object) -> bool:
     """Return whether a method gets the true depth of each pair, so that its figures are no estimates from images."""
     return bool(getattr(estimator, "takes_truth", False))
-
-
-class FilledEstimator:
-    """An estimator whose unknown pixels are filled from the background, as those of the classical methods are.
-
-    Args:
-        estimator: The estimator.
-    """
-
-    def __init__(self, estimator: Estimator) -> None:
-        self.estimator = estimator
-        self.normals_are_fitted = getattr(estimator, "normals_are_fitted", False)
-
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object) -> Prediction:
-        """Return the estimator's maps, filled; arguments as of Estimator.infer, and more of the estimator's own.
-
-        Raises:
-            EstimatorError: As of `inferred`.
-        """
-        return filled_prediction(inferred(self.estimator, left, right, rig, **settings), rig)
-
-
-class UnfilledEstimator:
-    """A classical method whose holes stay unknown: pixels where nothing matches are not filled.
-
-    Args:
-        matcher: The method, one of BUILT_IN, whose confidence is 0 where it has filled.
-    """
-
-    def __init__(self, matcher: Estimator) -> None:
-        self.estimator = matcher
-        self.normals_are_fitted = True
-
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Return the method's maps, NaN where it has no match; arguments as of Estimator.infer."""
-        maps = inferred(self.estimator, left, right, rig)
-        assert maps.normal is not None
-        matched = maps.confidence > 0
-        depth, disparity = (np.where(matched, values, np.float32(np.nan)) for values in (maps.depth, maps.disparity))
-        return Prediction(
-            depth, disparity, np.where(matched[..., None], maps.normal, np.float32(np.nan)), maps.confidence
-        )
-
-
-def takes_setting(estimator: Estimator, name: str) -> bool:
-    """Return whether a method's infer has an argument, such as nearest, beside the pair."""
-    inner = estimator.estimator if isinstance(estimator, FilledEstimator) else estimator
-    return name in signature(inner.infer).parameters
 
 
 class EstimatorError(ValueError):

@@ -45,8 +45,6 @@ from m3depth.estimator import (
     Estimator,
     EstimatorError,
     EstimatorName,
-    FilledEstimator,
-    UnfilledEstimator,
     distinct_labels,
     load_estimator,
 )
@@ -58,6 +56,7 @@ from m3depth.evaluation.without_truth.pairs import are_without_truth, calibratio
 from m3depth.evaluation.without_truth.run import FIGURE, score_without_truth
 from m3depth.figures.evaluation import draw_evaluation
 from m3depth.figures.side_by_side import draw_side_by_side
+from m3depth.holes import FilledEstimator, UnfilledEstimator
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths, spread
@@ -93,7 +92,7 @@ class EvaluateOptions:
     squared or absolute difference, or the highest correlation; ssd-sgm, sad-sgm and ncc-sgm sum these costs along eight
     paths first. mccnn is CNES's MC-CNN with such paths, whose weights come with the extra `rivals`. all scores every
     classical method, and not mccnn; none scores neither."""
-    estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR[,fill] ...")] = ()
+    estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR[,fill|,unfilled] ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.
     NAME= before it names its column. ",fill" after it fills unknown pixels from the background, and ",unfilled" after

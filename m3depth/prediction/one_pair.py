@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator, takes_setting
+from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
+from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import read_valid, seen_by_mask, unknown_where, unmeasured, without_sky_normals

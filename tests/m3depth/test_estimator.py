@@ -12,12 +12,12 @@ from m3depth.estimator import (
     Estimator,
     EstimatorError,
     EstimatorName,
-    UnfilledEstimator,
     checked_prediction,
     distinct_labels,
     inferred,
     load_estimator,
 )
+from m3depth.holes import UnfilledEstimator
 from m3depth.predict import main as predict_command
 from m3depth.stereo.classical import SGBM, BlockMatching
 from m3depth.stereo.prediction import Prediction

@@ -14,7 +14,8 @@ from m3depth.datasets.folders import partners
 from m3depth.datasets.image_files import image_size, read_pair
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
-from m3depth.estimator import Estimator, inferred, takes_setting
+from m3depth.estimator import Estimator, inferred
+from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import nearest_without, taken_out
 from m3depth.prediction.masks import is_valid_mask
 from m3depth.prediction.settings import Infer

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from m3depth.estimator import EstimatorError, FilledEstimator
+from m3depth.estimator import EstimatorError
+from m3depth.holes import FilledEstimator
 from m3depth.stereo.filling import fill_background, filled_prediction
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import PinholeCamera, StereoRig

@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.estimator import EstimatorName, FilledEstimator
+from m3depth.estimator import EstimatorName
 from m3depth.evaluate import main
 from m3depth.evaluation.without_truth import run
 from m3depth.evaluation.without_truth.pairs import PairImages
 from m3depth.evaluation.without_truth.scoring import means, predictions_of, score_pair, table
+from m3depth.holes import FilledEstimator
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
 from tests.m3depth.turned_pairs import RIG, slope, slope_disparity
