@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+SCORING = "docs/scoring"
 
 
-def _script(name: str):
-    """Import docs/NAME.py."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+def _script(name: str, folder: str = "docs"):
+    """Import FOLDER/NAME.py."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     spec.loader.exec_module(module)
@@ -26,20 +27,20 @@ def reference_pages():
 
 @pytest.fixture(scope="session")
 def score_manifest():
-    """docs/score_manifest.py, which finds manifest_summary beside it."""
-    return [_script(name) for name in ("manifest_summary", "score_manifest")][-1]
+    """docs/scoring/score_manifest.py, which finds manifest_summary beside it."""
+    return [_script(name, SCORING) for name in ("manifest_summary", "score_manifest")][-1]
 
 
 @pytest.fixture(scope="session")
 def manifest_summary(score_manifest):
-    """docs/manifest_summary.py."""
+    """docs/scoring/manifest_summary.py."""
     return sys.modules["manifest_summary"]
 
 
 @pytest.fixture(scope="session")
 def compare_methods(manifest_summary):
-    """docs/compare_methods.py, which finds manifest_summary and method_records beside it."""
-    return [_script(name) for name in ("method_records", "compare_methods")][-1]
+    """docs/scoring/compare_methods.py, which finds manifest_summary and method_records beside it."""
+    return [_script(name, SCORING) for name in ("method_records", "compare_methods")][-1]
 
 
 @pytest.fixture(scope="session")

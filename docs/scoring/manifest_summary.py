@@ -1,4 +1,4 @@
-"""The figures of docs/score_manifest.py: those of many small evaluations, joined by size and set.
+"""The figures of docs/scoring/score_manifest.py: those of many small evaluations, joined by size and set.
 
 Errors of pixels are means over images, as in m3depth.evaluate; shares of sky and near ground, of rocks and of edges are
 over all images together. Intervals hold 95 % of the bootstrap over scenes, whose views are drawn together. A ratio to

@@ -1,14 +1,15 @@
 """Writes the page that compares methods: scores, error by depth, cost and training.
 
-python docs/compare_methods.py --scores out/manifest --runs runs/lite runs/raft-stereo --out out/methods
-python docs/compare_methods.py --records out/methods/records/lite.json out/other/records/hit-net.json --out out/all
+python docs/scoring/compare_methods.py --scores out/manifest --runs runs/lite runs/raft-stereo --out out/methods
+python docs/scoring/compare_methods.py --records out/methods/records/lite.json out/b/records/hit-net.json --out out/all
 
-SCORES is the --out of docs/score_manifest.py, whose call had the weights of all runs. Methods that it scored beside
-them, such as SGBM, are in the tables too. OUT/records gets a file for each method (method_records.py), and another call
-takes such files beside scores or without them, from trainings on other days or machines. All methods must have been
-scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs. Rows of a
-method that got the true depth are marked, and come last. --out gets methods.md, methods.json, error_by_depth_SET.png
-and curves.png too. The time and memory of a network are measured by this command, with random weights.
+SCORES is the --out of docs/scoring/score_manifest.py, whose call had the weights of all runs. Methods that it scored
+beside them, such as SGBM, are in the tables too. OUT/records gets a file for each method (method_records.py), and
+another call takes such files beside scores or without them, from trainings on other days or machines. All methods must
+have been scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs.
+Rows of a method that got the true depth are marked, and come last. --out gets methods.md, methods.json,
+error_by_depth_SET.png and curves.png too. The time and memory of a network are measured by this command, with random
+weights.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Options:
     out: Path
     """Folder for the page, its figures, methods.json and the records."""
     scores: Path | None = None
-    """Folder that docs/score_manifest.py wrote, for the weights of all runs."""
+    """Folder that docs/scoring/score_manifest.py wrote, for the weights of all runs."""
     runs: tuple[Path, ...] = ()
     """Folders that m3depth.train wrote. Their names are those of the methods."""
     records: tuple[Path, ...] = ()
@@ -79,7 +80,7 @@ class Options:
         if self.scores is None and not self.records:
             raise ValueError("scores or records must name what is compared")
         if self.runs and self.scores is None:
-            raise ValueError("runs needs scores: the --out of docs/score_manifest.py for these weights")
+            raise ValueError("runs needs scores: the --out of docs/scoring/score_manifest.py for these weights")
 
 
 def read_records(options: Options) -> list[dict[str, Any]]:
@@ -382,7 +383,7 @@ def work(options: Options) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command, and return its exit code."""
-    return run_command(work, Options, "python docs/compare_methods.py", __doc__, args)
+    return run_command(work, Options, "python docs/scoring/compare_methods.py", __doc__, args)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Records of methods for docs/compare_methods.py: one JSON file a method, with its scores, training and sizes.
+"""Records of methods for docs/scoring/compare_methods.py: one JSON file a method, with its scores, training and sizes.
 
 A record holds all that the page needs of a method, so that methods can be trained and scored one after the other, on
 machines that are gone by the time the page is written. Records of the same pairs can be compared pair by pair.
@@ -29,7 +29,7 @@ COLUMNS = {
 
 
 def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
-    """Return the scores of every method in a folder of docs/score_manifest.py.
+    """Return the scores of every method in a folder of docs/scoring/score_manifest.py.
 
     Args:
         folder: The --out of that command.
@@ -151,7 +151,7 @@ def training(run: Path) -> dict[str, Any]:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return a record that docs/compare_methods.py wrote.
+    """Return a record that docs/scoring/compare_methods.py wrote.
 
     Raises:
         DatasetError: It is none.
