@@ -78,9 +78,9 @@ class Options:
         if len(set(names)) < len(names):
             raise ValueError("runs must have different names")
         if self.scores is None and not self.records:
-            raise ValueError("scores or records must name what is compared")
+            raise ValueError("scores must name a folder where --records names no file")
         if self.runs and self.scores is None:
-            raise ValueError("runs needs scores: the --out of docs/scoring/score_manifest.py for these weights")
+            raise ValueError("runs needs --scores, the --out of docs/scoring/score_manifest.py for these weights")
 
 
 def read_records(options: Options) -> list[dict[str, Any]]:
