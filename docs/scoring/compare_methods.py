@@ -25,14 +25,13 @@ from typing import Any
 
 import numpy as np
 from manifest_summary import Term, figure
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
-from method_records import COLUMNS, POOLED, VISIBLE, check_same_pairs, read_record, record_of_run, scored_methods
+from method_records import COLUMNS, POOLED, RATIOS, check_same_pairs, read_record, record_of_run, scored_methods
+from methods_page import markdown
+from training_curves import curves_figure
 
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
-from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, marked, number, table
-from m3depth.figures.drawing import METHOD_COLOURS, METHOD_MARKERS, save
+from m3depth.evaluation.report import marked
 from m3depth.figures.errors import interval_figure
 from m3depth.kinds.config import config_from_dict
 from m3depth.kinds.networks import new_network
@@ -45,14 +44,8 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text, write_json
 from marssim.base.results.code_state import versions
 
-RATIOS = {
-    "abs_rel": "Abs Rel", "epe": "EPE", VISIBLE: "EPE of what both eyes see",
-    "normal_mean": "mean error of the normals",
-}  # fmt: skip
-"""The figures that are also given over those of the reference."""
 SHIFT = 8  # disparity of the pair that is timed [px]
 REPEATS = 5  # timed predictions of a network, of which the median counts
-DIGEST = 12  # shown characters of a digest
 
 
 @dataclass(frozen=True)
@@ -214,126 +207,6 @@ def _cost(sizes: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def curves_figure(runs: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Write a PNG of the errors of disparity and of normals on validation pairs over the training's processor time.
-
-    The disparity of a method for normals is that of M3Depth or the true one, so that its curve is flat or missing. The
-    panel of the normals is left out where no method has any.
-    """
-    panels = {"epe": "EPE on validation pairs [px]", "normal": "mean error of the normals on validation pairs [°]"}
-    if not any(point["normal"] for run in runs.values() for point in run["validations"]):
-        del panels["normal"]
-    drawing = Figure(figsize=(7 * len(panels), 4.4), layout="constrained", dpi=120)
-    axes = drawing.subplots(1, len(panels), squeeze=False)[0]
-    for ax, (key, label) in zip(axes, panels.items(), strict=True):
-        for i, (name, run) in enumerate(runs.items()):
-            points = [p for p in run["validations"] if p[key]]  # without an error, there is none to draw on this scale
-            ax.plot(
-                [p["processor_minutes"] for p in points], [p[key] for p in points], label=name, ms=4,
-                color=METHOD_COLOURS[i % len(METHOD_COLOURS)], marker=METHOD_MARKERS[i % len(METHOD_MARKERS)],
-            )  # fmt: skip
-        ax.set_yscale("log")
-        for set_formatter in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
-            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.set_xlabel("processor time of the training [min]")
-        ax.set_ylabel(label)
-        ax.grid(True, which="both", color="0.9")
-        ax.spines[["top", "right"]].set_visible(False)
-    axes[0].legend(frameon=False)
-    save(drawing, path)
-
-
-def markdown(content: Mapping[str, Any]) -> str:
-    """Return the page. Its tables put the method of the lowest Abs Rel first, and those with the true depth last."""
-    runs = marked(content["runs"])
-    lines = ["# Methods compared"]
-    if runs:
-        lines += [
-            "",
-            f"Seconds and memory are those of a pair of 512 x 512 px on {content['versions']['cpus']} processors.",
-            "",
-        ]
-        lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs)]
-    for name, part in content["sets"].items():
-        lines += _set_section(name, part, content["reference"])
-    return "\n".join([*lines, ""])
-
-
-def _cost_table(runs: Mapping[str, Any]) -> list[str]:
-    rows = [
-        [
-            name, f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"], f"{run['seconds']:.2f}",
-            "-" if run["memory_mib"] is None else f"{run['memory_mib']:.0f}", str(run["steps"]),
-            f"{run['processor_minutes']:.0f}", f"{run['minutes']:.0f}",
-        ]
-        for name, run in runs.items()
-    ]  # fmt: skip
-    columns = ["method", "parameters", "s for a pair", "memory [MiB]"]
-    return table([*columns, "steps", "processor minutes of training", "minutes of training"], rows)
-
-
-def _starts(runs: Mapping[str, Any]) -> list[str]:
-    """Return a table with a row for each run, with all of its commits and data, its last command and its weights."""
-    rows = [
-        [
-            name,
-            *(_all(run["starts"], "seed"), _all(run["starts"], "commit"), _all(run["starts"], "data")),
-            f"`{run['starts'][-1]['command']}`" if run["starts"] else "-",
-            run["weights_sha256"][:DIGEST],
-        ]
-        for name, run in runs.items()
-    ]
-    return table(["method", "seed", "commit", "data", "command", "SHA-256 of the weights"], rows)
-
-
-def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:
-    return ", ".join(dict.fromkeys(str(start.get(key, "-"))[:DIGEST] for start in starts)) or "-"
-
-
-def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str]:
-    """Return the tables of a set."""
-    titles = dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
-    of_planes = {k: t + ", planes fitted" * part["intervals"][k]["normals_are_fitted"] for k, t in titles.items()}
-    order = sorted(part["metrics"], key=partial(_rank, part))
-    lines = ["", f"## {name}", ""]
-    lines += [f"{counted(part['pairs'], 'pair')} of {counted(part['scenes'], 'scene')}; means over images, with 95 %"]
-    lines[-1] += " intervals over scenes."
-    for prefix, columns, names in (("", [*DEPTH_COLUMNS, VISIBLE], titles), ("normal_", NORMAL_COLUMNS, of_planes)):
-        keys = [prefix + key for key in columns]
-        cells = [[names[label], *(_cell(part["metrics"][label][key]) for key in keys)] for label in order]
-        lines += ["", *table(["method", *(COLUMNS[key] for key in keys)], cells)]
-    lines += ["", f"Errors over those of {titles[reference]} on the same pairs, with intervals of the paired bootstrap"]
-    lines[-1] += " over scenes:"
-    cells = [
-        [titles[label], *(_cell(part["metrics"][label][key], "ratio") for key in RATIOS)]
-        for label in order
-        if label != reference
-    ]
-    lines += ["", *table(["method", *RATIOS.values()], cells)]
-    lines += ["", "Mean absolute error [m] by true depth, over all pixels:", ""]
-    depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
-    cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
-    return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]
-
-
-def _rank(part: Mapping[str, Any], label: str) -> tuple[bool, float]:
-    """Return what the methods of a set are sorted by."""
-    return part["intervals"][label]["gets_truth"], part["metrics"][label]["abs_rel"]["value"]
-
-
-def _cell(metric: Mapping[str, Any], key: str = "value") -> str:
-    """Return a metric, or its ratio to the reference, with its interval."""
-    if metric[key] is None:
-        return "-"
-    limits = metric["interval" if key == "value" else f"{key}_interval"]
-    return number(metric[key]) + ("" if limits is None else f" ({number(limits[0])} to {number(limits[1])})")
-
-
-def _mae(part: Mapping[str, Any], label: str, index: int) -> str:
-    value = part["intervals"][label]["intervals"][index]["pooled"]["mae"]
-    return "-" if value is None else number(value)
-
-
 def compared(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the page shows of the sets: "pairs", "scenes", and "metrics" and "intervals" by method.
 
@@ -356,8 +229,10 @@ def compared(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any])
 def work(options: Options) -> None:
     """Read the scores, runs and records, measure the networks, and write the page."""
     records = read_records(options)
-    named = {record["name"]: record for record in records}
     reference = options.reference or records[0]["name"]
+    # All figures take the methods in this order, so that a method has the same colour in each.
+    records.sort(key=lambda record: (record["name"] != reference, record["run"] is None))
+    named = {record["name"]: record for record in records}
     if reference not in named:
         raise DatasetError(f"--reference {reference}: there are scores of {', '.join(named)} alone")
     for record in records:

@@ -26,6 +26,11 @@ COLUMNS = {
     **{f"normal_{name}": title for name, title in NORMAL_COLUMNS.items()},
 }
 """The figures of a pair, with their headings in tables."""
+RATIOS = {
+    "abs_rel": "Abs Rel", "epe": "EPE", VISIBLE: "EPE of what both eyes see",
+    "normal_mean": "mean error of the normals",
+}  # fmt: skip
+"""The figures that are also given over those of the reference."""
 
 
 def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:

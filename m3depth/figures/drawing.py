@@ -5,6 +5,8 @@ They use matplotlib's object interface: no display, no global state.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,16 @@ UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
 METHOD_MARKERS = "osD^vPX*"
+
+
+def method_styles() -> Iterator[dict[str, str]]:
+    """Yield line styles of methods without end, as keywords of Axes.plot: the first 16 differ.
+
+    After the colours are through, the marks are hollow, and full again after the next round.
+    """
+    for hollow in cycle((False, True)):
+        for colour, marker in zip(METHOD_COLOURS, METHOD_MARKERS, strict=True):
+            yield {"color": colour, "marker": marker, "markerfacecolor": "white" if hollow else colour}
 
 
 def panel_aspect(image: np.ndarray) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from m3depth.figures.drawing import METHOD_COLOURS, METHOD_MARKERS, save
+from m3depth.figures.drawing import method_styles, save
 
 
 def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | None = None) -> None:
@@ -31,11 +30,11 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
         ("bad1", "disparities off by more than 1 px"),
     )
     for ax, (key, label) in zip(panels, figures, strict=True):
-        for (name, result), colour, marker in zip(results.items(), cycle(METHOD_COLOURS), cycle(METHOD_MARKERS)):
+        for (name, result), style in zip(results.items(), method_styles()):
             rows = [r for r in result["intervals"] if r["pixels"]]
             centres = [(r["from_m"] + r["to_m"]) / 2 for r in rows]
             values = [r["pooled"][key] ** (2 if key == "rmse" else 1) * (100 if key == "bad1" else 1) for r in rows]
-            ax.plot(centres, values, marker=marker, color=colour, ms=5, lw=1.8, label=name)
+            ax.plot(centres, values, ms=5, lw=1.8, label=name, **style)
         if fb and key == "mae":
             z = np.linspace(0.8, 15, 100)
             for pixels in (0.25, 1.0):
@@ -118,13 +117,13 @@ def sparsification_figure(results: dict[str, dict[str, Any]], path: Path) -> Non
     figure = Figure(figsize=(9.5, 4.2), layout="constrained", dpi=120)
     panels = figure.subplots(1, 2)
     for ax, key, label, unit in zip(panels, ("epe", "bad1"), ("mean error left [px]", "over 1 px [%]"), (1, 100)):
-        for (name, result), colour, marker in zip(results.items(), cycle(METHOD_COLOURS), cycle(METHOD_MARKERS)):
+        for (name, result), style in zip(results.items(), method_styles()):
             curve = result["sparsification"]
             if not curve:
                 continue
             dropped = 100 * np.array(curve["dropped"])
-            ax.plot(dropped, unit * np.array(curve[key]), color=colour, marker=marker, ms=4, lw=1.8, label=name)
-            ax.plot(dropped, unit * np.array(curve[f"oracle_{key}"]), color=colour, lw=1.2, ls="--")
+            ax.plot(dropped, unit * np.array(curve[key]), ms=4, lw=1.8, label=name, **style)
+            ax.plot(dropped, unit * np.array(curve[f"oracle_{key}"]), color=style["color"], lw=1.2, ls="--")
         ax.set_xlabel("least confident pixels dropped [%]")
         ax.set_ylabel(label)
         ax.set_xlim(0, 95)

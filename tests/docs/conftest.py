@@ -39,8 +39,10 @@ def manifest_summary(score_manifest):
 
 @pytest.fixture(scope="session")
 def compare_methods(manifest_summary):
-    """docs/scoring/compare_methods.py, which finds manifest_summary and method_records beside it."""
-    return [_script(name, SCORING) for name in ("method_records", "compare_methods")][-1]
+    """docs/scoring/compare_methods.py, which finds its modules beside it."""
+    return [
+        _script(name, SCORING) for name in ("method_records", "methods_page", "training_curves", "compare_methods")
+    ][-1]
 
 
 @pytest.fixture(scope="session")

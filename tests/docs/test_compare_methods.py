@@ -144,7 +144,9 @@ def test_the_reference_of_the_ratios_is_any_scored_method(compare_methods, folde
     scores, run = folders
     out = tmp_path / "out"
     assert compare_methods.main([*flags(scores, out, run), "--reference", "SGBM"]) == 0
-    mine = read_json(out / "methods.json")["sets"]["clean"]["metrics"]["mine"]["abs_rel"]
+    clean = read_json(out / "methods.json")["sets"]["clean"]
+    assert [*clean["intervals"]] == ["SGBM", "mine"]  # the order of the colours of the figures
+    mine = clean["metrics"]["mine"]["abs_rel"]
     assert mine["ratio"] == pytest.approx(3 / 8) and mine["ratio_interval"] == pytest.approx([0.25, 0.5])
     assert "Errors over those of SGBM on the same pairs" in (out / "methods.md").read_text()
 
@@ -196,11 +198,9 @@ def test_records_of_two_calls_become_the_page_of_one(compare_methods, folders, m
         file.write_text(file.read_text().replace('"mine"', '"other"'))
     assert compare_methods.main([*flags(scores, tmp_path / "both", other), "--records", *records]) == 0
     content = read_json(tmp_path / "both/methods.json")
-    assert [*content["runs"]] == ["other", "mine"] and [*content["sets"]["clean"]["metrics"]] == [
-        "other",
-        "SGBM",
-        "mine",
-    ]
+    # A trained method has the same place in all figures, and so the same colour.
+    assert [*content["runs"]] == ["other", "mine"]
+    assert [*content["sets"]["clean"]["metrics"]] == ["other", "mine", "SGBM"]
     assert content["reference"] == "other"
     both = content["sets"]["clean"]["metrics"]
     assert both["mine"] == {**both["other"]} and cv2.imread(str(tmp_path / "both/curves.png")).std() > 5

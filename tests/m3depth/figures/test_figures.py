@@ -15,7 +15,7 @@ from m3depth.evaluation.metrics import angle_between, pixel_kinds
 from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
 from m3depth.evaluation.scoring import evaluate
 from m3depth.figures.comparison import comparison_figure
-from m3depth.figures.drawing import depth_scale
+from m3depth.figures.drawing import depth_scale, method_styles
 from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
 from m3depth.figures.pairs import pairs_figure, scale_text
 from m3depth.figures.qualitative import hard_parts, qualitative_figure, zoom_figure
@@ -180,6 +180,12 @@ def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn_fi
             curve, oracle = (line.get_ydata() for line in ax.lines[2 * number : 2 * number + 2])
             np.testing.assert_allclose(curve, unit * np.array(result["sparsification"][key]))
             np.testing.assert_allclose(oracle, unit * np.array(result["sparsification"][f"oracle_{key}"]))
+
+
+def test_sixteen_methods_have_different_lines():
+    styles = [tuple(style.values()) for style, _ in zip(method_styles(), range(17))]
+    assert len(set(styles[:16])) == 16 and styles[16] == styles[0]
+    assert len({(colour, face == "white") for colour, _, face in styles[:16]}) == 16
 
 
 def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):

@@ -1,0 +1,105 @@
+"""The Markdown page of docs/scoring/compare_methods.py: tables of cost, commands, scores and errors by depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from method_records import COLUMNS, RATIOS, VISIBLE
+
+from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, marked, number, table
+from marssim.base.command.wording import counted
+
+DIGEST = 12  # shown characters of a digest
+
+
+def markdown(content: Mapping[str, Any]) -> str:
+    """Return the page. Its tables put the method of the lowest Abs Rel first, and those with the true depth last."""
+    runs = marked(content["runs"])
+    lines = ["# Methods compared"]
+    if runs:
+        lines += [
+            "",
+            f"Seconds and memory are those of a pair of 512 x 512 px on {content['versions']['cpus']} processors.",
+            "",
+        ]
+        lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs)]
+    for name, part in content["sets"].items():
+        lines += _set_section(name, part, content["reference"])
+    return "\n".join([*lines, ""])
+
+
+def _cost_table(runs: Mapping[str, Any]) -> list[str]:
+    rows = [
+        [
+            name, f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"], f"{run['seconds']:.2f}",
+            "-" if run["memory_mib"] is None else f"{run['memory_mib']:.0f}", str(run["steps"]),
+            f"{run['processor_minutes']:.0f}", f"{run['minutes']:.0f}",
+        ]
+        for name, run in runs.items()
+    ]  # fmt: skip
+    columns = ["method", "parameters", "s for a pair", "memory [MiB]"]
+    return table([*columns, "steps", "processor minutes of training", "minutes of training"], rows)
+
+
+def _starts(runs: Mapping[str, Any]) -> list[str]:
+    """Return a table with a row for each run, with all of its commits and data, its last command and its weights."""
+    rows = [
+        [
+            name,
+            *(_all(run["starts"], "seed"), _all(run["starts"], "commit"), _all(run["starts"], "data")),
+            f"`{run['starts'][-1]['command']}`" if run["starts"] else "-",
+            run["weights_sha256"][:DIGEST],
+        ]
+        for name, run in runs.items()
+    ]
+    return table(["method", "seed", "commit", "data", "command", "SHA-256 of the weights"], rows)
+
+
+def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:
+    return ", ".join(dict.fromkeys(str(start.get(key, "-"))[:DIGEST] for start in starts)) or "-"
+
+
+def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str]:
+    """Return the tables of a set."""
+    titles = dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
+    of_planes = {k: t + ", planes fitted" * part["intervals"][k]["normals_are_fitted"] for k, t in titles.items()}
+    order = sorted(part["metrics"], key=partial(_rank, part))
+    lines = ["", f"## {name}", ""]
+    lines += [f"{counted(part['pairs'], 'pair')} of {counted(part['scenes'], 'scene')}; means over images, with 95 %"]
+    lines[-1] += " intervals over scenes."
+    for prefix, columns, names in (("", [*DEPTH_COLUMNS, VISIBLE], titles), ("normal_", NORMAL_COLUMNS, of_planes)):
+        keys = [prefix + key for key in columns]
+        cells = [[names[label], *(_cell(part["metrics"][label][key]) for key in keys)] for label in order]
+        lines += ["", *table(["method", *(COLUMNS[key] for key in keys)], cells)]
+    lines += ["", f"Errors over those of {titles[reference]} on the same pairs, with intervals of the paired bootstrap"]
+    lines[-1] += " over scenes:"
+    cells = [
+        [titles[label], *(_cell(part["metrics"][label][key], "ratio") for key in RATIOS)]
+        for label in order
+        if label != reference
+    ]
+    lines += ["", *table(["method", *RATIOS.values()], cells)]
+    lines += ["", "Mean absolute error [m] by true depth, over all pixels:", ""]
+    depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
+    cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
+    return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]
+
+
+def _rank(part: Mapping[str, Any], label: str) -> tuple[bool, float]:
+    """Return what the methods of a set are sorted by."""
+    return part["intervals"][label]["gets_truth"], part["metrics"][label]["abs_rel"]["value"]
+
+
+def _cell(metric: Mapping[str, Any], key: str = "value") -> str:
+    """Return a metric, or its ratio to the reference, with its interval."""
+    if metric[key] is None:
+        return "-"
+    limits = metric["interval" if key == "value" else f"{key}_interval"]
+    return number(metric[key]) + ("" if limits is None else f" ({number(limits[0])} to {number(limits[1])})")
+
+
+def _mae(part: Mapping[str, Any], label: str, index: int) -> str:
+    value = part["intervals"][label]["intervals"][index]["pooled"]["mae"]
+    return "-" if value is None else number(value)
