@@ -17,7 +17,7 @@ DIGEST = 12  # shown characters of a digest
 def markdown(content: Mapping[str, Any]) -> str:
     """Return the page. Its tables put the method of the lowest Abs Rel first, and those with the true depth last."""
     runs = marked(content["runs"])
-    lines = ["# Methods compared"]
+    lines = ["# Methods compared", "", "Means over images, with 95 % intervals over scenes:", "", *_summary(content)]
     if runs:
         lines += [
             "",
@@ -30,10 +30,35 @@ def markdown(content: Mapping[str, Any]) -> str:
     return "\n".join([*lines, ""])
 
 
+def _summary(content: Mapping[str, Any]) -> list[str]:
+    """Return the table of the figures that most readers want: a row a method."""
+    sets, runs = content["sets"], content["runs"]
+    first = next(iter(sets))
+    columns = [(name, "abs_rel", "Abs Rel") for name in sets]
+    columns += [(first, VISIBLE, "EPE of what both eyes see [px]"), (first, "normal_mean", "normals, mean [°]")]
+    scored = sets[first]["intervals"]
+    rows = [
+        [
+            title,
+            *(_cell(sets[name]["metrics"][label][key]) for name, key, _ in columns[:-1]),
+            _cell(sets[first]["metrics"][label]["normal_mean"])
+            + ", planes fitted" * scored[label]["normals_are_fitted"],
+            *((f"{runs[label]['seconds']:.2f}", _millions(runs[label])) if label in runs else ("-", "-")),
+        ]
+        for label, title in sorted(_titles(sets[first]).items(), key=lambda item: _rank(sets[first], item[0]))
+    ]
+    headings = [f"{title}, {name}" for name, _, title in columns]
+    return table(["method", *headings, "s for a pair", "parameters"], rows)
+
+
+def _millions(run: Mapping[str, Any]) -> str:
+    return f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"]
+
+
 def _cost_table(runs: Mapping[str, Any]) -> list[str]:
     rows = [
         [
-            name, f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"], f"{run['seconds']:.2f}",
+            name, _millions(run), f"{run['seconds']:.2f}",
             "-" if run["memory_mib"] is None else f"{run['memory_mib']:.0f}", str(run["steps"]),
             f"{run['processor_minutes']:.0f}", f"{run['minutes']:.0f}",
         ]
@@ -63,7 +88,7 @@ def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:
 
 def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str]:
     """Return the tables of a set."""
-    titles = dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
+    titles = _titles(part)
     of_planes = {k: t + ", planes fitted" * part["intervals"][k]["normals_are_fitted"] for k, t in titles.items()}
     order = sorted(part["metrics"], key=partial(_rank, part))
     lines = ["", f"## {name}", ""]
@@ -85,6 +110,11 @@ def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str
     depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
     cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
     return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]
+
+
+def _titles(part: Mapping[str, Any]) -> dict[str, str]:
+    """Return the names of the methods of a set as the tables have them."""
+    return dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
 
 
 def _rank(part: Mapping[str, Any], label: str) -> tuple[bool, float]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
 
 EDGES = range(16)
+ROOT = Path(__file__).parents[2]
 
 
 def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str, given: str = "") -> dict:
@@ -134,8 +136,13 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page
     assert "Errors over those of mine on the same pairs" in page
     assert (
-        "| SGBM | " + " | ".join(["2.667 (2.000 to 4.000)"] * 4) + " |" in page and page.count("| mine | 0.0300 (") == 2
+        "| SGBM | " + " | ".join(["2.667 (2.000 to 4.000)"] * 4) + " |" in page and page.count("| mine | 0.0300 (") == 3
     )
+    of_mine = ["0.0300 (0.0200 to 0.0400)", "0.0150 (0.0100 to 0.0200)", "0.0300 (0.0200 to 0.0400)"]
+    millions = f"{mine['parameters'] / 1e6:.2f} M"
+    summary, _ = page.split("Seconds and memory")
+    assert f"| mine | {' | '.join(of_mine)} | 1.00 | {millions} |" in summary
+    assert summary.rstrip().endswith(", planes fitted | - | - |")
     for picture in ("curves.png", "error_by_depth_clean.png"):
         assert cv2.imread(str(out / picture)).std() > 5
 
@@ -281,3 +288,10 @@ def test_records_that_cannot_be_compared_are_one_line(
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1
     assert message in error and not (tmp_path / "out").exists()
+
+
+def test_the_table_of_the_results_is_that_of_the_command():
+    """The page of results is written by hand, but the rows of its table are not."""
+    pages = [ROOT / "docs/results" / name for name in ("methods.md", "methods/methods.md")]
+    shown, written = (set(re.findall(r"^\|.*\|$", page.read_text(encoding="utf-8"), re.M)) for page in pages)
+    assert shown and shown <= written
