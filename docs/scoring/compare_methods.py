@@ -230,8 +230,8 @@ def work(options: Options) -> None:
     """Read the scores, runs and records, measure the networks, and write the page."""
     records = read_records(options)
     reference = options.reference or records[0]["name"]
-    # All figures take the methods in this order, so that a method has the same colour in each.
-    records.sort(key=lambda record: (record["name"] != reference, record["run"] is None))
+    # Those with a training, which the curves show, come first in all figures: so a method has one colour in all.
+    records.sort(key=lambda record: (record["run"] is None, record["name"] != reference))
     named = {record["name"]: record for record in records}
     if reference not in named:
         raise DatasetError(f"--reference {reference}: there are scores of {', '.join(named)} alone")
