@@ -18,17 +18,18 @@ PANEL = 1.7  # [in] width of one image
 LARGEST_ERROR = 4.0  # [px] error where the colour ends
 LEGEND = (
     "disparity: bright is near; each pair has a scale of its own, which is written on its truth\n"
-    f"grey: sky or unknown; in the error: not scored\n{NORMAL_TITLE}"
+    "grey: sky or unknown; in the error: not scored"
 )
-COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence", "true normals", "predicted normals")
+COLUMNS = ("left", "true disparity", "predicted disparity", "error", "confidence")
+NORMAL_COLUMNS = ("true normals", "predicted normals")
 
 
 def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
     """Write a PNG with a row a pair, as the first method sees it.
 
     The true and the predicted disparity of a pair share a scale, that of its scored pixels. Its ends are written on the
-    true one, in pixels and in metres of depth. Grey is sky or unknown; in the errors it is what is not scored. A method
-    without normals has no picture of them.
+    true one, in pixels and in metres of depth. Grey is sky or unknown; in the errors it is what is not scored. If the
+    method has no normals, the columns of normals are left out.
 
     Args:
         examples: The pairs.
@@ -38,14 +39,18 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
         (H, W, 3) uint8 RGB, the picture.
     """
     rows = len(examples)
+    methods = [next(iter(example.predictions.values())) for example in examples]
+    has_normals = any(prediction.normal is not None for prediction in methods)
+    columns = COLUMNS + NORMAL_COLUMNS if has_normals else COLUMNS
     aspect = panel_aspect(examples[0].left)
-    width, height = PANEL * len(COLUMNS) + 0.4, PANEL * aspect * rows + 1.0  # [in]
+    width, height = PANEL * len(columns) + 0.4, PANEL * aspect * rows + 1.0  # [in]
     figure = Figure(figsize=(width, height), dpi=120)
     edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.7 / height}
-    axes = figure.subplots(rows, len(COLUMNS), squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
+    axes = figure.subplots(rows, len(columns), squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
+    legend = f"{LEGEND}\n{NORMAL_TITLE}" if has_normals else LEGEND
     errors, shares = Normalize(0, LARGEST_ERROR), Normalize(0, 1)
-    for row, example in zip(axes, examples, strict=True):
-        truth, prediction = example.truth, next(iter(example.predictions.values()))
+    for row, example, prediction in zip(axes, examples, methods, strict=True):
+        truth = example.truth
         scored = pixel_kinds(truth)["all"]
         error = np.where(scored, np.abs(prediction.disparity - truth.disparity), np.nan)
         norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
@@ -57,14 +62,13 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
         error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
         note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
         share_image = show(row[4], prediction.confidence, cmap=colour_map("cividis"), norm=shares)
-        show(row[5], normal_image(truth.normal))
-        if prediction.normal is None:
-            row[6].axis("off")
-        else:
+        if has_normals:
+            show(row[5], normal_image(truth.normal))
+        if prediction.normal is not None:
             show(row[6], normal_image(np.where(known_depth(prediction.depth)[..., None], prediction.normal, 0)))
-    for ax, name in zip(axes[0], COLUMNS, strict=True):
+    for ax, name in zip(axes[0], columns, strict=True):
         ax.set_title(name, fontsize=10)
-    figure.text(0.36 / width, 0.46 / height, LEGEND, fontsize=8, va="top")
+    figure.text(0.36 / width, 0.46 / height, legend, fontsize=8, va="top")
     for column, image, label in ((3, error_image, "error [px]"), (4, share_image, "confidence")):
         box = axes[-1, column].get_position()
         at = (box.x0 + 0.1 * box.width, 0.5 / height, 0.8 * box.width, 0.1 / height)

@@ -230,6 +230,17 @@ def test_pairs_are_drawn_with_their_errors_and_scales(plane_samples, tmp_path, d
     assert not first[6].images and second[6].images
 
 
+def test_pairs_of_a_method_without_normals_have_no_columns_for_them(plane_samples, tmp_path, drawn_figures):
+    sample = plane_samples[0]
+    depth_alone = Prediction(sample.depth, sample.disparity, None, np.ones(sample.depth.shape, np.float32))
+    for name, methods in (("depth", {"depth": depth_alone}), ("both", {})):
+        pairs_figure([example(sample, **methods)], tmp_path / f"{name}.png")
+    titles = [[ax.get_title() for ax in figure.axes if ax.get_title()] for figure in drawn_figures]
+    assert titles[0] == titles[1][:5] and titles[1][5:] == ["true normals", "predicted normals"]
+    legends = [figure.texts[0].get_text() for figure in drawn_figures]
+    assert NORMAL_TITLE in legends[1] and NORMAL_TITLE not in legends[0]
+
+
 def test_a_scale_from_zero_disparity_begins_infinitely_far():
     assert scale_text(Normalize(0, 27), 54.0) == "0 to 27 px\ninf to 2 m"
 
