@@ -151,7 +151,7 @@ class UniMvsNetConfig(RivalConfig):
     """Feature channels at the last stage, twice and four times as many at the two before it."""
     volume: int = 8
     """Channels of the 3-D aggregation at full size."""
-    planes: tuple[int, int, int] = (48, 16, 8)
+    planes: tuple[int, int, int] = (48, 32, 8)
     """Planes of each stage, multiples of 8. The first ones reach 192 px; the steps halve from stage to stage."""
     finest: int = 2
     """Side of a cell of the last stage [px], 1 or 2; those of the stages before it are two and four times as wide."""
@@ -238,7 +238,7 @@ PRESETS: dict[str, RivalConfig] = {
     "light-stereo": LightStereoConfig(),
     "light-stereo-published": LightStereoConfig(widths=(32, 16, 24, 32, 64, 96, 160), blocks=(1, 2, 4), expansion=4),
     "uni-mvs-net": UniMvsNetConfig(),
-    "uni-mvs-net-published": UniMvsNetConfig(planes=(48, 32, 8), finest=1),
+    "uni-mvs-net-published": UniMvsNetConfig(finest=1),
     "fusion": FusionConfig(),
     "fusion-true-depth": FusionConfig(true_depth=True),
     "fusion-published": FusionConfig(widths=(64, 128, 256, 256, 256), confidence=64, final=(32, 16, 8)),

@@ -10,7 +10,8 @@ branches give normals, from which last layers make the result. The hybrid loss c
 angles at 1/4 and 1/8.
 
 The released model sees the depth [m] of whole images. Here crops are trained, in which a pixel's place says nothing of
-its direction, so that the depth branch sees the direction beside the logarithm of depth.
+its direction, so that the depth branch sees the direction beside the logarithm of depth. The map of its confidence,
+which has no bounds, starts near 1, so that no features of depth start with the wrong sign.
 """
 
 from __future__ import annotations
@@ -101,6 +102,7 @@ class Fusion(NormalNetwork):
             nn.Conv2d(width, width, 1), nn.LeakyReLU(), nn.Conv2d(width, width, 1), nn.LeakyReLU(),
             nn.Conv2d(width, 1, 1),
         )  # fmt: skip
+        nn.init.ones_(self.confidence[-1].get_parameter("bias"))
         self.coarsest = convolutions(w[4], w[3], 3)
         self.up = nn.ModuleList(
             [convolutions(2 * w[3], w[2], 3), convolutions(2 * w[2], w[1], 3), convolutions(2 * w[1], w[0], 2)]

@@ -7,14 +7,16 @@ is the depth of a pair, and so is the refinement of edges, which belongs to GeoN
 A VGG network gives first normals. From depth to normal: planes are fitted to the points of a window, those whose first
 normals are alike, and a small network adds a residual. Another one joins both normals. From normal to depth: each pixel
 of the window says where its own plane meets the ray of the middle one, and a mean, weighed by how alike the normals
-are, is the depth, which a last network corrects by a factor. (The released one gives the depth itself, in metres of a
-room, and its loss is the error in metres; here it is that of the logarithm.) The two steps of geometry have no
-parameters and hand no gradient on, as in the released training.
+are, is the refined depth. From it, the given depth and the image, a last network corrects the given depth by a factor.
+(The released one gives the depth itself, in metres of a room, and its loss is the error in metres; here it is that of
+the logarithm.) The two steps of geometry have no parameters and hand no gradient on, as in the released training. There
+the network of the residual starts from weights that were trained before; here it starts as almost no correction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import torch
 import torch.nn.functional as F
@@ -23,11 +25,12 @@ from torch import Tensor, nn
 from m3depth.network.backbone import conv_block
 from m3depth.network.geometry import MIN_DISPARITY, facing_normals, normals_from_disparity, unit
 from m3depth.rivals.config import GeoNetConfig
+from m3depth.rivals.layers import in_float32, start_as_he, start_small
 from m3depth.rivals.normal_network import NormalInput, NormalNetwork, NormalOutput, TrainedNormals
 
 APART = 4  # distance between the pixels of a window [px]
 ALIKE = 0.95  # least cosine of the angle between normals of one plane
-SHARP = 10.0  # factor of normals and of the global feature that networks get
+SHARP = 10.0  # factor of normals, of the global feature and of differences of depth that networks get
 REACH = 12  # dilation of the layer that sees most of the image
 LEAST_DETERMINANT = APART**4 / 2  # half of that of three pixels of a window, which determine a plane
 GRAZING = 1e-3  # least cosine between a normal and a ray that meet
@@ -60,6 +63,12 @@ class FirstNormals(nn.Module):
         return unit(F.interpolate(normal, left.shape[-2:], mode="bilinear", align_corners=True))
 
 
+def convolution(inputs: int, outputs: int, kernel: int = 3, dilation: int = 1) -> nn.Sequential:
+    """Return a convolution and ReLU; without normalisation, so that a crop gives what the whole image gives."""
+    padding = dilation * (kernel // 2)
+    return nn.Sequential(nn.Conv2d(inputs, outputs, kernel, 1, padding, dilation), nn.ReLU(inplace=True))
+
+
 class Residual(nn.Module):
     """What is to be added to the normals of the depth, from them, at half of their size."""
 
@@ -68,10 +77,13 @@ class Residual(nn.Module):
         parts: list[nn.Module] = []
         inputs = 3
         for number, (width, count) in enumerate(zip(widths[:3], (2, 2, 3), strict=True)):
-            parts += [conv_block(inputs if n == 0 else width, width) for n in range(count)]
+            parts += [convolution(inputs if n == 0 else width, width) for n in range(count)]
             parts += [nn.MaxPool2d(3, 2, padding=1)] if number == 0 else []
             inputs = width
-        self.layers = nn.Sequential(*parts, conv_block(inputs, widths[3], 1), nn.Conv2d(widths[3], 3, 3, padding=1))
+        last = nn.Conv2d(widths[3], 3, 3, padding=1)
+        self.layers = nn.Sequential(*parts, convolution(inputs, widths[3], 1), last)
+        start_as_he(self.layers)
+        start_small(last)
 
     def forward(self, normal: Tensor) -> Tensor:
         """(B, 3, H, W) -> (B, 3, H, W)."""
@@ -81,9 +93,11 @@ class Residual(nn.Module):
 
 def ensemble(inputs: int, width: int, outputs: int) -> nn.Sequential:
     """Return the network that joins two estimates and the image: three dilated convolutions, and four plain ones."""
-    dilated = [conv_block(width if n else inputs, width, dilation=2) for n in range(3)]
-    plain = [conv_block(width, width) for _ in range(3)]
-    return nn.Sequential(*dilated, *plain, nn.Conv2d(width, outputs, 3, padding=1))
+    dilated = [convolution(width if n else inputs, width, dilation=2) for n in range(3)]
+    plain = [convolution(width, width) for _ in range(3)]
+    layers = nn.Sequential(*dilated, *plain, nn.Conv2d(width, outputs, 3, padding=1))
+    start_as_he(layers)
+    return layers
 
 
 def windows(maps: Tensor, side: int) -> Iterator[tuple[int, int, Tensor]]:
@@ -178,10 +192,7 @@ class GeoNet(NormalNetwork):
         self.residual = Residual(config.residual)
         self.joined_normals = ensemble(3 + 3 + 3, config.ensemble, 3)
         self.joined_depths = ensemble(1 + 1 + 3, config.ensemble, 1)
-        last = self.joined_depths[-1]
-        assert isinstance(last, nn.Conv2d) and last.bias is not None
-        nn.init.normal_(last.weight, std=1e-3)  # it starts as a small correction
-        nn.init.zeros_(last.bias)
+        start_small(self.joined_depths[-1])
 
     def normals(self, inputs: NormalInput) -> NormalOutput:
         """Return the normals and the corrected disparity of a batch."""
@@ -193,8 +204,9 @@ class GeoNet(NormalNetwork):
             refined = disparity_of_planes(inputs, start, side).clamp(min=MIN_DISPARITY)
         corrected = unit(fitted + self.call(self.residual, fitted))
         normal = self.call(self.joined_normals, torch.cat([first, corrected, inputs.left], 1)).float()
-        log_depths = [inputs._replace(disparity=x).log_depth for x in (refined, inputs.disparity)]
-        change = self.call(self.joined_depths, torch.cat([*log_depths, inputs.left], 1)).float()
-        disparity = refined / change.exp().clamp(1 / LARGEST_CHANGE, LARGEST_CHANGE)
+        farther = SHARP * (inputs.disparity / refined).log()
+        depths = torch.cat([inputs.log_depth, farther, inputs.left], 1)
+        change = in_float32(partial(self.call, self.joined_depths), depths)
+        disparity = inputs.disparity / change.exp().clamp(1 / LARGEST_CHANGE, LARGEST_CHANGE)
         trained = [TrainedNormals(maps, 1, 1.0, "absolute") for maps in (normal, first)]
         return NormalOutput(disparity, normal, trained, trained_disparity=True)

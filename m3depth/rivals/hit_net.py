@@ -18,29 +18,19 @@ differ.
 
 from __future__ import annotations
 
-import math
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from m3depth.rivals.config import HitNetConfig
 from m3depth.rivals.hit_net_loss import TILE, Choice, Guess, HitNetOutput, Scored, spread
-from m3depth.rivals.layers import in_float32, summed_inputs
+from m3depth.rivals.layers import in_float32, start_as_he
 from m3depth.rivals.rival import Rival
 from m3depth.stereo.pairs import MAX_DISPARITY
 
 PLANE = 16  # channels of a hypothesis: disparity, its slopes across and down, and a descriptor
 LEVELS = 5  # resolutions 1/1, 1/2, ... 1/16
 SLOPE = 0.2  # of the leaky rectifiers
-
-
-def start_as_he(module: nn.Module) -> None:
-    """Draw the weights of all convolutions so that leaky rectifiers keep the size of what passes (He et al.)."""
-    for layer in module.modules():
-        if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d):
-            nn.init.normal_(layer.weight, std=math.sqrt(2 / (1 + SLOPE**2) / summed_inputs(layer)))
-            nn.init.zeros_(layer.get_parameter("bias"))
 
 
 def leaky(*layers: nn.Module) -> nn.Sequential:
@@ -229,13 +219,13 @@ class HitNet(Rival):
         self.config = config
         widths, count = config.widths, int(MAX_DISPARITY)
         self.features = UNet(widths)
-        start_as_he(self.features)
+        start_as_he(self.features, SLOPE)
         self.first = nn.ModuleList()
         self.propagation = nn.ModuleList()
         for level in range(LEVELS):  # a tile's own features describe it where there are none of its size
             described = widths[level + 2] if level + 2 < LEVELS else config.compared
             self.first.append(Initialisation(widths[level], described, config.compared, count >> level))
-            start_as_he(self.first[-1])
+            start_as_he(self.first[-1], SLOPE)
             self.propagation.append(Propagation(1 if level == LEVELS - 1 else 2, config.propagation))
         dilations = ((1, 3, 1, 1), (1, 3, 1, 1), (1, 1))
         self.refine = nn.ModuleList(

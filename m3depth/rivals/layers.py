@@ -91,6 +91,25 @@ def start_as_encoder(module: nn.Module) -> None:
             nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
 
 
+def start_as_he(module: nn.Module, slope: float = 0.0) -> None:
+    """Draw the weights of all convolutions so that rectifiers keep the size of what passes (He et al., 2015).
+
+    Args:
+        module: Holds the convolutions, each with a bias, which starts at 0.
+        slope: Slope of the rectifiers below 0.
+    """
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d):
+            nn.init.normal_(layer.weight, std=math.sqrt(2 / (1 + slope**2) / summed_inputs(layer)))
+            nn.init.zeros_(layer.get_parameter("bias"))
+
+
+def start_small(layer: nn.Module) -> None:
+    """Draw the weights of the last layer of a correction so that it starts as almost none."""
+    nn.init.normal_(layer.get_parameter("weight"), std=1e-3)
+    nn.init.zeros_(layer.get_parameter("bias"))
+
+
 def sampled(features: Tensor, place: Tensor) -> Tensor:
     """Return features (B, C, h, w) between cells, 0 outside; place: (B, 2, n, w), columns and rows -> (B, C, n, w)."""
     height, width = features.shape[-2:]

@@ -89,8 +89,8 @@ class NormalOutput:
 
 
 def normal_error(maps: TrainedNormals, truth: Truth) -> Tensor:
-    """Return the mean error of normals over the cells whose true normal is known."""
-    true = truth.normal
+    """Return the mean error of normals over the cells whose true normal is known, and whose pixels are trained."""
+    true = truth.normal * truth.valid
     if maps.cell > 1:
         missing = (0, -true.shape[-1] % maps.cell, 0, -true.shape[-2] % maps.cell)
         true = F.avg_pool2d(F.pad(true, missing), maps.cell)
@@ -123,8 +123,13 @@ class NormalInput(NamedTuple):
 
     @property
     def log_depth(self) -> Tensor:
-        """(B, 1, H, W), logarithm of the depth in baselines. Its slopes do not depend on the distance of a surface."""
-        return (self.camera[:, :1, None, None] / self.disparity).log()
+        """(B, 1, H, W), logarithm of the depth in baselines. Its slopes do not depend on the distance of a surface.
+
+        Where no depth was measured, it is the mean of where it was: a sky of 500 m would rule every normalisation.
+        """
+        depth = (self.camera[:, :1, None, None] / self.disparity).log()
+        total = (depth * self.valid).sum((2, 3), keepdim=True)
+        return torch.where(self.valid, depth, total / self.valid.sum((2, 3), keepdim=True).clamp(min=1))
 
 
 def with_depth_weights(config: NormalConfig, path: Path) -> NormalConfig:

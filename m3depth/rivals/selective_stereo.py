@@ -18,6 +18,7 @@ from m3depth.rivals.config import SelectiveStereoConfig
 from m3depth.rivals.recurrent import MotionEncoder, RecurrentStereo, correction_head, enlarged, halved
 
 REDUCTION = 16  # of the channels inside the channel attention
+FEWEST = 8  # channels there, as many as in the published width: of two, both may start with no gradient
 KERNELS = (1, 3)  # of the two units, for detail and for smooth surfaces
 
 
@@ -26,7 +27,7 @@ class ChannelAttention(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        inner = max(1, channels // REDUCTION)
+        inner = max(FEWEST, channels // REDUCTION)
         self.layers = nn.Sequential(
             nn.Conv2d(channels, inner, 1, bias=False), nn.ReLU(inplace=True), nn.Conv2d(inner, channels, 1, bias=False)
         )

@@ -16,7 +16,7 @@ from m3depth.estimator import for_pair
 from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.scoring import evaluate
 from m3depth.kinds.networks import load_network, new_network
-from m3depth.network.geometry import normals_from_disparity, pixel_rays, unit
+from m3depth.network.geometry import facing_normals, normals_from_disparity, pixel_rays, unit
 from m3depth.network.model import M3Depth
 from m3depth.rivals.geo_net import disparity_of_planes, planes_of_depth
 from m3depth.rivals.normal_network import NormalInput, NormalOutput, TrainedNormals, normal_error
@@ -79,6 +79,63 @@ def test_errors_of_normals_are_means_over_the_cells_with_a_true_normal() -> None
     maps = [TrainedNormals(across, 2, 0.5, "cosine"), TrainedNormals(3 * true, 1, 1.0, "cosine")]
     both = NormalOutput(torch.full((1, 1, 4, 4), 2.0), true, maps, trained_disparity=True).terms(truth)
     assert {name: float(value) for name, value in both.items()} == pytest.approx({"normal": 0.5, "disparity": 1.0})
+
+
+def test_errors_of_normals_leave_out_pixels_that_are_not_trained() -> None:
+    true = torch.zeros(1, 3, 4, 4)
+    true[:, 2] = -1.0
+    disparity = torch.full((1, 1, 4, 4), 300.0)
+    trained = (torch.arange(4) < 2).expand(1, 1, 4, 4)  # the others lie nearer than what is scored
+    given = true.clone()
+    given[:, 2, :, 2:] = 1.0  # wrong in all of those
+    for cell, error in ((1, "absolute"), (2, "cosine")):
+        maps = TrainedNormals(given[..., ::cell, ::cell], cell, 1.0, error)
+        assert normal_error(maps, Truth(disparity, trained, true)) == 0
+        assert normal_error(maps, Truth(disparity, torch.ones_like(trained), true)) > 0.3
+
+
+def test_depth_that_was_not_measured_does_not_rule_the_statistics_of_the_image() -> None:
+    disparity = torch.full((2, 1, *SIZE), 0.05)
+    disparity[..., 8:, :] = torch.linspace(5, 10, SIZE[1])
+    valid = torch.zeros_like(disparity, dtype=torch.bool)
+    valid[..., 8:, :] = True
+    valid[1] = False
+    logs = NormalInput(torch.zeros(2, 3, *SIZE), disparity, valid, CAMERA.expand(2, -1)).log_depth
+    ground = (60 / disparity[0, :, 8:]).log()
+    torch.testing.assert_close(logs[0, :, 8:], ground)
+    torch.testing.assert_close(logs[0, :, :8], ground.mean().expand(1, 8, SIZE[1]))
+    assert (logs[1] == 0).all()  # nothing was measured
+
+
+def test_geonet_starts_with_the_geometry_that_it_was_given() -> None:
+    """What the planes say reaches the last networks almost unchanged, and the disparity is that of the input."""
+    torch.manual_seed(0)
+    network, seen, joined = new_network(TINY["geo-net"]), plane_of((0.2, -0.6, -1.0)), []
+    network.joined_normals.register_forward_pre_hook(lambda _, args: joined.append(args[0]))
+    output = network.normals(seen._replace(left=torch.rand(1, 3, *SIZE)))
+    first, corrected = joined[0][:, :3], joined[0][:, 3:6]
+    fitted = planes_of_depth(seen, facing_normals(first, seen.rays), TINY["geo-net"].neighbours)
+    assert (corrected * fitted).sum(1).min() > 0.99
+    torch.testing.assert_close(output.disparity, seen.disparity, rtol=0.02, atol=0)
+
+
+def test_geonet_sees_small_differences_of_depth_in_bfloat16() -> None:
+    """A depth 0.1 % farther, less than bfloat16 can tell from it, changes what the last network gets."""
+    network, seen, given = new_network(TINY["geo-net"]), plane_of((0.2, -0.6, -1.0)), []
+    network.joined_depths.register_forward_pre_hook(lambda _, args: given.append(args[0]))
+    for factor in (1.0, 0.999):
+        with torch.autocast("cpu", torch.bfloat16):
+            network.normals(seen._replace(disparity=factor * seen.disparity))
+    torch.testing.assert_close(
+        given[1][:, 0] - given[0][:, 0], torch.full((1, *SIZE), -math.log(0.999)), atol=1e-5, rtol=0
+    )
+
+
+def test_the_confidence_of_fusion_starts_near_one() -> None:
+    for seed in range(3):
+        torch.manual_seed(seed)
+        confidence = new_network(TINY["fusion"]).confidence(torch.randn(1, 4, *SIZE))
+        assert confidence.min() > 0.3 and confidence.max() < 1.7
 
 
 def test_the_depth_is_that_of_m3depth_and_no_part_of_the_weights(plane_samples) -> None:
