@@ -18,6 +18,8 @@ differ.
 
 from __future__ import annotations
 
+from functools import partial
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -100,10 +102,11 @@ class Initialisation(nn.Module):
             left, right: The features.
             described: (B, described, h / 4, w / 4); None takes the tiles' own features.
         """
-        kernel, bias = self.tile.weight, self.tile.bias
-        tiles = self.compared(F.conv2d(left, kernel, bias, stride=TILE))
         # a tile of the right image at every column, and as far to the left as the search reaches
-        others = self.compared(F.conv2d(F.pad(right, (0, TILE - 1)), kernel, bias, stride=(TILE, 1)))
+        tiles, others = (
+            in_float32(partial(self._tiles, stride), maps)
+            for stride, maps in ((TILE, left), (1, F.pad(right, (0, TILE - 1))))
+        )
         others = F.pad(others, (self.disparities - 1, 0, 0, 0), mode="replicate")
         columns = left.shape[-1]
         costs = torch.stack(
@@ -112,12 +115,19 @@ class Initialisation(nn.Module):
                 for first in range(self.disparities - 1, -1, -1)
             ],
             1,
-        ).float()
+        )
         least, disparity = costs.min(1, keepdim=True)
         source = tiles if described is None else described
         descriptor = self.descriptor(torch.cat([least.to(source.dtype), source], 1))
         flat = torch.zeros_like(least)
         return torch.cat([disparity.to(least), flat, flat, descriptor.float()], 1), costs
+
+    def _tiles(self, stride: int, features: Tensor) -> Tensor:
+        """Return descriptors (B, width, h / 4, w / stride) of the tiles at every stride-th column.
+
+        Not in bfloat16: there, PyTorch 2.13 computes a convolution wrongly whose stride is its kernel's side.
+        """
+        return self.compared(F.conv2d(features, self.tile.weight, self.tile.bias, stride=(TILE, stride)))
 
 
 class ResidualPair(nn.Module):

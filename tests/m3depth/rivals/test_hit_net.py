@@ -56,6 +56,16 @@ def test_the_first_guess_is_the_disparity_of_equal_features() -> None:
     assert (planes[:, 0, :, 3:] == 7).all() and not planes[:, 1:3].any()
 
 
+@pytest.mark.parametrize("features", [8, 16, 24])
+def test_tiles_of_both_images_are_compared_alike_in_bfloat16(features) -> None:
+    """The strides of the two differ, for which PyTorch has different kernels."""
+    torch.manual_seed(0)
+    first, image = Initialisation(features, described=2, width=8, disparities=8), torch.rand(1, features, 32, 64)
+    with torch.autocast("cpu", torch.bfloat16):
+        _, costs = first(image.bfloat16(), image.bfloat16(), torch.rand(1, 2, 8, 16))
+    assert costs.dtype == torch.float32 and (costs[:, 0] == 0).all() and costs[:, 1:].mean() > 0.1
+
+
 def test_a_tile_has_its_largest_known_disparity() -> None:
     disparity = torch.full((1, 1, 4, 8), -1.0)
     disparity[..., 1, 2], disparity[..., 3, 3] = 6.0, 10.0
