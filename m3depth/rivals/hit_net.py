@@ -108,14 +108,12 @@ class Initialisation(nn.Module):
             for stride, maps in ((TILE, left), (1, F.pad(right, (0, TILE - 1))))
         )
         others = F.pad(others, (self.disparities - 1, 0, 0, 0), mode="replicate")
-        columns = left.shape[-1]
-        costs = torch.stack(
-            [
-                (tiles - others[..., first : first + columns : TILE]).abs().sum(1)
-                for first in range(self.disparities - 1, -1, -1)
-            ],
-            1,
-        )
+        columns = [others[..., first::TILE].contiguous() for first in range(TILE)]
+        differences = []
+        for first in range(self.disparities - 1, -1, -1):
+            start = first // TILE
+            differences.append((tiles - columns[first % TILE][..., start : start + tiles.shape[-1]]).abs().sum(1))
+        costs = torch.stack(differences, 1)
         least, disparity = costs.min(1, keepdim=True)
         source = tiles if described is None else described
         descriptor = self.descriptor(torch.cat([least.to(source.dtype), source], 1))
