@@ -111,22 +111,30 @@ class Laid:
 
     def surface(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the height (...) [m], its slopes, and whether it is that of a pebble, at x, y (...) [m]."""
+        phase, dx, dy, square = self._place(x, y)
+        steep = self.height * 2 * np.pi / self.wavelength * np.cos(phase)
+        east, north = self.tilt[0] + steep * np.cos(self.turn), self.tilt[1] - steep * np.sin(self.turn)
+        pebble = square > 0
+        rise = np.sqrt(np.maximum(square, 1e-12))
+        return (
+            self.height_at(x, y), east - np.where(pebble, dx / rise, 0), north - np.where(pebble, dy / rise, 0), pebble
+        )  # fmt: skip
+
+    def height_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the height (...) [m] at x, y (...) [m]."""
+        phase, _, _, square = self._place(x, y)
+        height = self.tilt[0] * x + self.tilt[1] * y + self.height * np.sin(phase)
+        return height + np.sqrt(np.maximum(square, 0))
+
+    def _place(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the phase of the ripples, the way from the nearest pebble's middle, and r^2 - d^2, at x, y (...)."""
         k, cosine, sine = 2 * np.pi / self.wavelength, np.cos(self.turn), np.sin(self.turn)
         phase = k * (cosine * x - sine * y) + 2 * np.pi * 3.0 / PER_WAVE
-        steep = self.height * k * np.cos(phase)
-        height = self.tilt[0] * x + self.tilt[1] * y + self.height * np.sin(phase)
-        east, north = self.tilt[0] + steep * cosine, self.tilt[1] - steep * sine
         dx, dy = (
             at - corner - PITCH / 2 - PITCH * np.round((at - corner - PITCH / 2) / PITCH)
             for at, corner in ((x, self.corner[0]), (y, self.corner[1]))
         )
-        square = self.radius**2 - dx * dx - dy * dy
-        pebble = square > 0
-        rise = np.sqrt(np.maximum(square, 1e-12))
-        return (
-            height + np.where(pebble, rise, 0), east - np.where(pebble, dx / rise, 0),
-            north - np.where(pebble, dy / rise, 0), pebble,
-        )  # fmt: skip
+        return phase, dx, dy, self.radius**2 - dx * dx - dy * dy
 
     def met_by(self, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return where rays (N, 3) from origin (3,) meet the ground first.
@@ -144,19 +152,19 @@ class Laid:
 
         def over(t: np.ndarray, rows: np.ndarray) -> np.ndarray:
             x, y, z = (origin[axis] + t * rays[rows, axis] for axis in range(3))
-            return z - self.surface(x, y)[0]
+            return z - self.height_at(x, y)
 
         steps = 300
-        below, high = first[at], first[at].copy()
-        done = np.zeros(len(at), dtype=bool)
+        step = (last - first)[at] / steps
+        entered = np.zeros(len(at))  # the step in which each ray enters the ground
+        left = np.arange(len(at))
         for n in range(1, steps + 1):
-            t = first[at] + n / steps * (last - first)[at]
-            crossed = ~done & (over(t, at) < 0)
-            high = np.where(done, high, t)
-            below = np.where(done | crossed, below, t)
-            done |= crossed
-        assert done.all()
-        for _ in range(40):
+            above = over(first[at[left]] + n * step[left], at[left]) >= 0
+            entered[left[~above]] = n
+            left = left[above]
+        assert len(left) == 0
+        below, high = first[at] + (entered - 1) * step, first[at] + entered * step
+        for _ in range(25):  # to 1e-10 m
             middle = (below + high) / 2
             outside = over(middle, at) > 0
             below, high = np.where(outside, middle, below), np.where(outside, high, middle)
