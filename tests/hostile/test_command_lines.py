@@ -1,5 +1,6 @@
 """Random and hostile values of every flag of every command are taken, or refused in one line that names the flag."""
 
+import re
 import shutil
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -30,6 +31,7 @@ NUMBER_OF_WORDS = (
     "name a folder",
     "two drives need --out",
 )
+UNKNOWN = "--xyzzy"  # no flag of any command, and similar to none
 
 
 def as_printed(word: str) -> str:
@@ -54,13 +56,23 @@ def test_every_command_is_attacked():
 
 @pytest.mark.parametrize("command", CONFIGS)
 def test_the_least_command_line_is_taken_and_every_flag_is_one(command):
-    """Else all attacks would end at the same refusal."""
+    """Else all attacks would end at the same refusal.
+
+    All flags stand on one line, with one that the command does not have. Flags whose value is refused are taken away
+    one by one, until that one is named: no other is unknown.
+    """
     parser_of(command)(CONFIGS[command][1])
-    for flag, width in flags_of(config_of(command)):
-        try:
-            parser_of(command)(with_values(command, [(flag, ["1"] * abs(width))]))
-        except ValueError as error:
-            assert "unknown option" not in str(error), f"{flag}: {error}"
+    flags = {flag: ["1"] * abs(width) for flag, width in flags_of(config_of(command))}
+    while True:
+        with pytest.raises(ValueError) as refusal:
+            parser_of(command)(with_values(command, [*flags.items(), (UNKNOWN, [])]))
+        if "unknown option" in str(refusal.value):
+            break
+        named = re.match(r"(?:--|`)([\w.-]+)", str(refusal.value))
+        assert named, refusal.value
+        del flags[f"--{named[1]}"]
+    assert str(refusal.value) == f"unknown option {UNKNOWN}"
+    assert len(flags) >= len(list(flags_of(config_of(command)))) / 2
 
 
 @pytest.mark.parametrize("command", CONFIGS)
