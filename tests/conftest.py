@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -66,6 +67,12 @@ def pytorch_by_default() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: False)
         yield
+
+
+@pytest.fixture
+def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let blank pictures stand for figures, each of which takes half a second to draw: the test is not about them."""
+    monkeypatch.setattr("m3depth.figures.drawing.figure_pixels", lambda figure: np.full((8, 8, 3), 255, np.uint8))
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,8 @@ from marssim.base.files.json_file import read_json
 from marssim.generation.config import parse_generate
 from marssim.scene.presets import PRESETS
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 RIG = ["--rig.width", "64", "--rig.height", "64", "--rig.focal", "74.5", "--views-per-scene", "1"]
 TINY = {
     "generate": ["--renderer", "scan"],

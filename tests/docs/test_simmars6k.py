@@ -55,6 +55,7 @@ def commands() -> list[list[str]]:
     return [shlex.split(line.replace("FILES", files[1].replace("\n", " "))) for line in lines]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_every_command_of_the_guide_runs(simmars, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(network_config.PRESETS, "lite", TINY)
     M3Depth(TINY).save_pretrained(tmp_path / "tiny.safetensors")

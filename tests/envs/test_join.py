@@ -8,6 +8,8 @@ from envs.evaluate import evaluate
 from envs.join import JoinConfig, join, main
 from marssim.base.files.json_file import DatasetError
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 VARYING = ("step_seconds", "perception_seconds", "config", "versions", "shard")
 
 

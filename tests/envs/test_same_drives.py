@@ -8,6 +8,8 @@ import envs.evaluate
 from envs.evaluate import evaluate
 from envs.join import JoinConfig, join
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 TIMES = ("step_seconds", "perception_seconds")  # fields of a record that differ from run to run
 
 

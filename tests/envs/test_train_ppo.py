@@ -68,13 +68,13 @@ def test_a_policy_counts_no_choices_that_it_has_not_learnt_from(tmp_path, small_
     monkeypatch.setattr(PPO, "train", killed_in_the_second)
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place)}
     with pytest.raises(KeyboardInterrupt):
-        train(PPOConfig(**config, max_steps=48), rollout=16)
+        train(PPOConfig(**config, max_steps=24), rollout=8)
     with zipfile.ZipFile(tmp_path / "policy.zip") as archive:
         optimizer = torch.load(io.BytesIO(archive.read("policy.optimizer.pth")), weights_only=True)
-        assert json.loads(archive.read("data"))["num_timesteps"] == 16 and updates == [16, 32]
+        assert json.loads(archive.read("data"))["num_timesteps"] == 8 and updates == [8, 16]
     assert all(state["step"] > 0 for state in optimizer["state"].values()) and optimizer["state"]
-    train(PPOConfig(**config, max_steps=48), rollout=16)
-    assert updates == [16, 32, 32, 48]  # what was lost is learnt again
+    train(PPOConfig(**config, max_steps=24), rollout=8)
+    assert updates == [8, 16, 16, 24]  # what was lost is learnt again
 
 
 def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path, small_place):
@@ -118,19 +118,19 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     monkeypatch.setattr("envs.train_ppo._save", noted)
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place), "seed": 5}
     config["max_minutes"] = 20
-    path = train(PPOConfig(**config, max_steps=16), rollout=16)
+    path = train(PPOConfig(**config, max_steps=8), rollout=8)
     file = tmp_path / "train_ppo.json"
     about = json.loads(file.read_text())
     assert 0 < about["seconds"] < 300 and rates[-1] > 0.75e-3
     file.write_text(json.dumps({**about, "seconds": 900.0}))
-    train(PPOConfig(**config, max_steps=32), rollout=16)
+    train(PPOConfig(**config, max_steps=16), rollout=8)
     assert 900 < json.loads(file.read_text())["seconds"] < 1200 and 0 < rates[-1] <= 0.25e-3
-    assert seeds[0] == 5 and seeds[-1] == 5 + 16
+    assert seeds[0] == 5 and seeds[-1] == 5 + 8
     whole, printed = path.read_bytes(), capsys.readouterr().out
     assert "already" not in printed
-    train(PPOConfig(**config, max_steps=32), rollout=16)
-    assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 32; raise it to go on\n"
-    train(PPOConfig(**{**config, "max_minutes": 15}, max_steps=64), rollout=16)
+    train(PPOConfig(**config, max_steps=16), rollout=8)
+    assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 16; raise it to go on\n"
+    train(PPOConfig(**{**config, "max_minutes": 15}, max_steps=32), rollout=8)
     assert capsys.readouterr().out == f"{tmp_path}: already at --max-minutes 15; raise it to go on\n"
     assert path.read_bytes() == whole
 

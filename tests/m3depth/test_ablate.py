@@ -20,6 +20,8 @@ from m3depth.network import config as network_config
 from m3depth.network.model import M3Depth
 from m3depth.training import loop as training
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 TINY = replace(SMALL, wavelet_levels=(2, 2))  # as many as `lite` has, one of the rows of the study of levels
 
 

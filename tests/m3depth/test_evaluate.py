@@ -361,8 +361,10 @@ def test_baselines_takes_every_classical_method_that_is_registered(names):
     assert [name.name for _, name in named_estimators(options).values()] == ["m3depth", *CLASSICAL]
 
 
-def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys):
+def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys, monkeypatch):
     """make_frame shows up to 15 px."""
+    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
     for limit, has_near in (("192", False), ("8", True)):
         out = tmp_path / limit
         arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--max-disparity", limit]

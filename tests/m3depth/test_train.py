@@ -68,6 +68,7 @@ def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_p
     assert list((tmp_path / "panels").glob("*.png"))
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_refinement_of_larger_pairs_is_trained(large_samples, tmp_path) -> None:
     """From where the reduced pair ends, at full resolution: its errors fall, and the weights move by its loss alone."""
     config, cpu = config_for(tmp_path, max_steps=20), torch.device("cpu")
@@ -98,6 +99,7 @@ class KilledAt:
         return self.samples[index]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> None:
     settings = {"max_steps": 8, "cache": False, "validate_every": 0}
     train(config_for(tmp_path / "whole", **settings), plane_samples, [])
@@ -131,6 +133,7 @@ def test_the_command_saves_after_a_signal_and_exits_with_130_but_under_torchrun_
     assert printed.endswith("error: interrupted; the same command goes on from here\n") != torchrun
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_signal_during_the_last_save_costs_nothing(plane_samples, tmp_path, monkeypatch) -> None:
     save = Run.save
 
@@ -143,16 +146,30 @@ def test_a_signal_during_the_last_save_costs_nothing(plane_samples, tmp_path, mo
     assert torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"] == 2
 
 
+SIX_STEPS = {"max_steps": 6, "cache": False, "validate_every": 2}
+
+
+@pytest.fixture(scope="module")
+def six_steps(plane_samples, tmp_path_factory) -> Path:
+    """Folder of a run of SIX_STEPS that was not cut off."""
+    out = tmp_path_factory.mktemp("six") / "whole"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(model_module.PRESETS, "lite", SMALL)
+        train(config_for(out, **SIX_STEPS), plane_samples, plane_samples)
+    return out
+
+
+@pytest.mark.usefixtures("undrawn_figures")
 @pytest.mark.parametrize("last", [2, 3, 6])
-def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_samples, tmp_path, monkeypatch, last) -> None:
+def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(
+    plane_samples, six_steps, tmp_path, monkeypatch, last
+) -> None:
     """As after kill -9 or a power cut: nothing is saved at the end, what came after the checkpoint is done again.
 
     A validation that was due after the checkpoint is made up for, the last one too. Weights, averaged weights,
     optimizer and log are those of a run that was not cut off, bit for bit.
     """
-    settings = {"max_steps": 6, "cache": False, "validate_every": 2}
-    train(config_for(tmp_path / "whole", **settings), plane_samples, plane_samples)
-    cut = config_for(tmp_path / "cut", **settings, checkpoint_minutes=1e-9)  # after every step
+    cut = config_for(tmp_path / "cut", **SIX_STEPS, checkpoint_minutes=1e-9)  # after every step
     save, saves = Run.save, []
 
     def save_and_die(run: Run) -> None:
@@ -167,15 +184,15 @@ def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(plane_sample
             train(cut, plane_samples, plane_samples)
     assert saves == list(range(1, last + 1))
     train(cut, plane_samples, plane_samples)
-    whole, again = (torch.load(tmp_path / n / "checkpoint.pt", weights_only=True) for n in ("whole", "cut"))
+    whole, again = (torch.load(out / "checkpoint.pt", weights_only=True) for out in (six_steps, cut.out))
     for part in ("model", "averaged"):
         assert all(torch.equal(tensor, again[part][name]) for name, tensor in whole[part].items())
     assert whole["optimizer"]["param_groups"] == again["optimizer"]["param_groups"]
     for number, state in whole["optimizer"]["state"].items():
         assert all(torch.equal(state[name], again["optimizer"]["state"][number][name]) for name in state)
     logs = []
-    for name in ("whole", "cut"):
-        lines = [json.loads(line) for line in (tmp_path / name / "log.jsonl").read_text().splitlines()]
+    for out in (six_steps, cut.out):
+        lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
         lines = [line for line in lines if line["kind"] != "start"]  # a line for each start
         logs.append(
             [{k: v for k, v in r.items() if k not in ("minutes", "processor_minutes", "loader_share")} for r in lines]
@@ -215,6 +232,7 @@ def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:
     assert (panel.height, panel.width) == drawn.shape[:2]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_time_budget_counts_what_was_spent_before(plane_samples, tmp_path, capsys, monkeypatch) -> None:
     clock = iter(range(10**6))
     ticking = SimpleNamespace(
@@ -274,6 +292,7 @@ def test_bf16_is_near_fp32_and_trains(plane_samples, tmp_path) -> None:
     assert all(tensor.dtype == torch.float32 and torch.isfinite(tensor).all() for tensor in state["model"].values())
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, capsys) -> None:
     config = config_for(tmp_path, max_steps=3, validate_every=1)
     scores = train(config, plane_samples, plane_samples)
@@ -582,6 +601,7 @@ def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, caps
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_second_run_in_the_folder_is_refused_and_the_first_is_whole(plane_samples, tmp_path, capsys) -> None:
     config = config_for(tmp_path / "run", max_steps=2, validate_every=0)
 

@@ -12,6 +12,8 @@ from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth
 from marssim.export import ExportConfig, export
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 TINY = replace(SMALL, refine_steps=1, fine_width=0)
 
 TREE = "KITTI"

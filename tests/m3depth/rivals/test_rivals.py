@@ -22,6 +22,8 @@ from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.validation import validate
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 PUBLISHED = {  # parameters [M] of the published width
     "raft-stereo": 11.1,  # RAFT-Stereo of the package stereo-matching 0.2
     "selective-stereo": 11.7,  # Selective-RAFT of the package stereo-toolbox 0.4

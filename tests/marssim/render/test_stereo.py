@@ -233,7 +233,7 @@ def test_borders_of_shadows_show_the_disc_of_the_sun(scene, pose, name, monkeypa
     """The references find the share of the disc for every pixel, and for none."""
     if name == "pybullet":
         pytest.importorskip("pybullet")
-    low, camera = scene.with_sun(10.0, 150.0), RIG.camera.resized(640, 640)
+    low, camera = scene.with_sun(10.0, 150.0), RIG.camera.resized(448, 448)
     renderer, shader = make_renderer(name, low), Shader(low)
     view, footprint = renderer.render(camera, pose), Footprint.of(camera, pose)
     images = [radiance(renderer, shader, camera, pose, view, footprint)]

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marssim.base.dataset.frame import GROUND
@@ -83,6 +83,7 @@ def contrast(x: float, **look) -> float:
     return float(red.std() / red.mean())
 
 
+@settings(max_examples=20)  # each makes a shader of the whole scene
 @given(elevation=st.floats(10, 89), depth=st.floats(0.1, 2.0))
 def test_what_the_sun_reaches_is_brighter(elevation, depth):
     renderer = shader(sun=towards(elevation, 40), optical_depth=depth)
@@ -94,6 +95,7 @@ def test_what_the_sun_reaches_is_brighter(elevation, depth):
     assert (dark > 0).all()  # shadows are filled by the sky
 
 
+@settings(max_examples=25)
 @given(
     elevation=st.floats(1, 90),
     depth=st.floats(0, 3),
