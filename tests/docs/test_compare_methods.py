@@ -272,6 +272,7 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 @pytest.mark.parametrize(
     ("case", "message"),
     [

@@ -467,7 +467,7 @@ def test_broken_pools_reach_the_caller_of_the_function(tmp_path, monkeypatch):
 
 
 def test_mixed_takes_the_places_in_turn(tmp_path):
-    small = tuple(replace(preset(name), size=12.0, horizon=16.0) for name in PRESETS)
+    small = tuple(place(name)[0] for name in PRESETS)
     asked = config(tmp_path / "set", scenes=small, pairs=len(small), views_per_scene=1)
     made = [s.meta["preset"] for s in generate_dataset(asked)]
     assert sorted(made) == sorted(PRESETS)

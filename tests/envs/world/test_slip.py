@@ -84,7 +84,7 @@ def test_slip_draws_nothing_and_is_a_function_of_the_seed(make_env, dynamics):
     drives = []
     for _ in range(2):
         slipping.reset(seed=4)
-        infos, places, believed = drive(slipping, 2)
+        infos, places, believed = drive(slipping, 1)
         drives.append((infos[-1]["slip"], infos[-1]["energy"], places, believed))
     assert drives[0][:2] == drives[1][:2]
     np.testing.assert_array_equal(drives[0][2:], drives[1][2:])

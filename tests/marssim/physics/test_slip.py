@@ -110,8 +110,9 @@ def test_a_turning_rover_turns_less_in_sand_and_slides_down(slope):
 @needs_bullet
 @pytest.mark.parametrize("soil", SOIL_NAMES)
 def test_both_dynamics_lose_the_same_way(slope, soil):
+    """Up and across the slope, and in sand, in which most is lost, also down."""
     scene = slope(12)
-    for yaw in (0.0, np.pi, np.pi / 2):
+    for yaw in (0.0, np.pi / 2, np.pi)[: 3 if soil == "sand" else 2]:
         settled, bullet = settled_drive(scene, soil, yaw), bullet_drive(scene, soil, yaw)
         np.testing.assert_allclose(bullet[0], settled[0], atol=0.02)
         assert bullet[2].slip == pytest.approx(settled[2].slip, abs=0.02)

@@ -122,7 +122,7 @@ def test_a_view_of_the_sky_alone(scene, rasterizer):
 
 def test_a_view_does_not_depend_on_those_before_it(scene):
     """A run that continues skips the complete views, and must write the same bytes."""
-    poses = [pose_over(scene, *place) for place in ((0.0, 0.0, 0.3), (0.12, 0.05, 0.32), (0.3, 0.3, 0.4), (0, -1, 0.2))]
+    poses = [pose_over(scene, *place) for place in ((0.0, 0.0, 0.3), (0.12, 0.05, 0.32), (0, -1, 0.2))]
     through, visible = PyBulletRenderer(scene), []
     for pose in poses:
         visible.append(visible_surfaces(through, pose))
