@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+import traceback
 from dataclasses import replace
 
 import cv2
@@ -16,6 +17,7 @@ from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
 from envs.evaluate import SETTINGS, EvaluateConfig, Task, _drives_done, drive, evaluate, main
 from envs.world.eyes import EyesConfig
+from envs.world.user_code import UserCodeError
 from m3depth.estimator import load_estimator
 from marssim.base.bags.reader import Bag
 from marssim.base.files.json_file import DatasetError, write_json
@@ -404,17 +406,20 @@ def test_the_command_by_its_name_drives_in_workers_and_says_one_row(finished, tm
     assert without_times(json.loads((tmp_path / "results.json").read_text())) == without_times(finished[1])
 
 
-def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path):
+def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path, monkeypatch):
+    """Python prints what ends a command."""
     (tmp_path / "broken.py").write_text(
         "class Driver:\n    def reset(self, env, seed): ...\n    def act(self, env, observation):\n"
         "        return self.steer_by_feel()\n    def steer_by_feel(self):\n        raise ValueError('no feeling')\n"
     )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)  # of the workers
     flags = [*FLAGS, "--episodes", "2", "--workers", "2", "--driver", "broken:Driver", "--out", str(tmp_path / "out")]
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    command = [sys.executable, "-m", "envs.evaluate", *flags]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 1 and "in steer_by_feel" in done.stderr
-    last = done.stderr.strip().splitlines()[-1]
+    with pytest.raises(UserCodeError) as error:
+        main(flags)
+    printed = "".join(traceback.format_exception(error.value))
+    assert "in steer_by_feel" in printed
+    last = printed.strip().splitlines()[-1]
     message = r"envs\.world\.user_code\.UserCodeError: step 1 of course \d, .* by broken:Driver and ground_truth: "
     assert re.match(message + "broken:Driver raised ValueError: no feeling$", last)
 

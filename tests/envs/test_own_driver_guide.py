@@ -3,8 +3,11 @@
 import json
 
 import numpy as np
+import pytest
 
 from envs.evaluate import main
+
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 
 def test_the_rover_takes_it_by_class_path(make_env, my_stereo):

@@ -77,6 +77,7 @@ def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
     assert cv2.imread(str(out / "rocks.png")).std() > 10
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_counts_of_each_pair_are_kept_with_its_scene(folder, tmp_path):
     out = tmp_path / "out"
     assert main(["--data", str(folder), "--out", str(out), "--perception", "ground_truth"]) == 0
@@ -89,6 +90,7 @@ def test_the_counts_of_each_pair_are_kept_with_its_scene(folder, tmp_path):
     assert first["ground_truth"]["false"] == [] and first["ground_truth"]["edges"] == []
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_several_folders_in_one_count_and_other_heights_of_an_obstacle(folder, tmp_path):
     out = tmp_path / "out"
     args = ["--data", str(folder), str(folder), "--split", "all", "--out", str(out), "--perception", "ground_truth"]
@@ -114,6 +116,7 @@ def test_results_of_drives_are_not_replaced(folder, tmp_path, capsys):
     assert drives.read_text() == '{"differences": []}'
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_higher_step_finds_fewer(folder, tmp_path):
     out = tmp_path / "out"
     args = ["--data", str(folder), "--out", str(out), "--perception", "ground_truth", "--limit", "1"]
@@ -151,6 +154,7 @@ def test_pairs_without_poses_are_reported(folder, tmp_path, capsys):
     assert error.startswith(f"error: {copy}: no pair of split ") and error.endswith("holds the pose of its camera")
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_number_of_pairs_without_a_pose_is_said(folder, tmp_path, capsys):
     copy = shutil.copytree(folder, tmp_path / "copy")
     without_pose(copy, ["00001/01"])

@@ -1,6 +1,7 @@
 """Each program in examples runs, small."""
 
 import contextlib
+import importlib
 import io
 import json
 import os
@@ -98,12 +99,25 @@ def test_recorded_images_are_replayed(drive):
     assert len(run("replay_navigator.py", "--data", drive, "--ahead", 5).splitlines()) == 2
 
 
-def test_the_round_trip_by_pandora_scores_what_came_back(data, tmp_path):
+@pytest.mark.usefixtures("undrawn_figures")
+def test_the_round_trip_by_pandora_scores_what_came_back(data, tmp_path, monkeypatch):
+    """The program starts commands of this project; they run in this process, too."""
+
+    def called(command: list[str], whole=subprocess.run, **settings: object) -> object:
+        if command[0] != sys.executable:
+            return whole(command, **settings)  # git, which these commands ask
+        _, option, module, *flags = command
+        assert option == "-m" and settings == {"check": True}
+        assert importlib.import_module(module).main(flags) == 0
+        return None
+
+    monkeypatch.setattr(subprocess, "run", called)
     assert "Pandora" in run("pandora_round_trip.py", "--data", data, "--out", tmp_path / "trip")
     config = json.loads(next((tmp_path / "trip" / "maps").glob("*/config.json")).read_text())
     assert config["input"]["left"]["disp"] == [-192, 0]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_cells_of_the_notebook_run_one_after_the_other(tmp_path):
     """As a program, with tiny settings in place of those of its first cell."""
     notebook = json.loads((EXAMPLES / "chain.ipynb").read_text(encoding="utf-8"))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 from m3depth.evaluate import main
 from m3depth.stereo.classical import SGBM
@@ -14,6 +15,8 @@ from marssim.base.dataset.dataset import write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
 from marssim.export import ExportConfig, export
+
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 
 def test_the_estimator_has_20_lines(guide_program):

@@ -13,6 +13,8 @@ from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 SETTINGS = {"seed": 3, "scene": "gale", "goal_distance": 20.0}
 
 

@@ -10,6 +10,8 @@ from envs.evaluate import evaluate
 from envs.world.eyes import EyesConfig
 from marssim.base.dataset.drive_file import read_drive
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 
 class Links(HTMLParser):
     """Collects the links of a page, and its text."""

@@ -25,6 +25,8 @@ from m3depth.training.config import check_config
 from m3depth.training.loop import train
 from m3depth.training.run import first_network
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 CAMERA = torch.tensor([[60.0, 55.0, 15.3, 12.1]])
 SIZE = (24, 32)
 

@@ -83,14 +83,14 @@ def test_wrong_input_is_refused_as_by_pytorch(small_network):
 
 def test_few_compiled_sizes_are_kept(small_network, monkeypatch):
     monkeypatch.setattr("m3depth.runtimes.openvino_network.SIZES", 1)
-    fast = OpenVinoM3Depth(small_network(), FP32)
+    fast = OpenVinoM3Depth(small_network(**OTHER_SIZES[0]), FP32)  # of the smallest graph
     for width in (64, 72):
         fast.infer(*pair(48, width))
         assert list(fast._requests) == [(False, 48, width)]
 
 
 def test_threads_may_share_an_estimator_and_processes_get_their_own(small_network):
-    fast = OpenVinoM3Depth(small_network(), FP32)
+    fast = OpenVinoM3Depth(small_network(**OTHER_SIZES[0]), FP32)
     images = pair(64, 96)
     first = fast.infer(*images).disparity
     before = first.copy()

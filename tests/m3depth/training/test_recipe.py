@@ -16,6 +16,8 @@ from m3depth.training.losses import disparity_loss
 from m3depth.training.run import Run, learning_rate
 from marssim.base.command.flags import parse
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 
 def parsed(*args: str) -> TrainConfig:
     line = ["--data", "data", "--out", "out", *args]

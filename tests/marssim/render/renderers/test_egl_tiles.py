@@ -78,16 +78,15 @@ def test_of_more_triangles_than_it_holds_those_in_view_are_drawn(poses, rasteriz
 
 @pytest.mark.parametrize("room", ["for all", "for those in view"])
 def test_a_view_does_not_depend_on_those_before_it(scene, poses, rasterizer, monkeypatch, room):
-    """Any number of workers writes the same bytes."""
+    """Any number of workers writes the same bytes. The last view has two before it."""
     if room != "for all":
         monkeypatch.setattr(egl_tiles, "MOST_FACES", int(rasterizer._tiles._faces.sum()) - 1)
     through = [rasterizer.render(CAMERA, pose) for pose in poses]
     rasterizer.close()
-    for pose, expected in list(zip(poses, through))[:0:-1]:
-        alone = PyBulletRenderer(scene, egl=True)
-        view = alone.render(CAMERA, pose)
-        alone.close()
-        assert np.array_equal(view.surface, expected.surface) and np.array_equal(view.depth, expected.depth)
+    alone = PyBulletRenderer(scene, egl=True)
+    view = alone.render(CAMERA, poses[-1])
+    alone.close()
+    assert np.array_equal(view.surface, through[-1].surface) and np.array_equal(view.depth, through[-1].depth)
 
 
 def test_one_may_be_open_in_a_process(scene, poses, rasterizer):
