@@ -28,10 +28,10 @@ from marssim.scene.presets import preset
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 QUICK = {
-    "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 4.0,
+    "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 3.0,
     "k": (0.01,), "videos": False,
 }  # fmt: skip
-FLAGS = ["--driver", "straight", "--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "4"]
+FLAGS = ["--driver", "straight", "--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "3"]
 FLAGS += ["--k", "0.01", "--no-videos"]
 
 
