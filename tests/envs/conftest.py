@@ -79,8 +79,8 @@ def small_place(small_scene, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def small_suite(small_place, tmp_path_factory):
-    """File of a suite with two conditions, two dev courses and one test course of 4 m on a cheap place."""
-    clear = {"scene": str(small_place), "goal_distance": 4.0, "k": 0.01, "ground_truth_pixels": 64}
+    """File of a suite with two conditions, two dev courses and one test course of 3 m on a cheap place."""
+    clear = {"scene": str(small_place), "goal_distance": 3.0, "k": 0.01, "ground_truth_pixels": 64}
     splits = {"dev": {"seed": 5, "courses": 2}, "test": {"seed": 6, "courses": 1}}
     content = make_suite("small-v1", splits, {"clear": clear, "rare_looks": {**clear, "look_every": 1.0}})
     file = tmp_path_factory.mktemp("suite") / "small-v1.json"

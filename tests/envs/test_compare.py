@@ -52,8 +52,8 @@ def broken(key, value):
         (lambda c: c["suite"].update(courses=1), "is none of the episodes that the file says were driven"),
         (lambda c: c["suite"].update(shard="2"), "suite.shard must be I/N"),
         (lambda c: c["suite"].update(shard="2/2"), "is none of the episodes that the file says were driven"),
-        (broken("start_distance", 3.0), "start_distance must be 4.00 m, got 3"),
-        (broken("steps", 1000), "steps must be at most 6"),
+        (broken("start_distance", 4.0), "start_distance must be 3.00 m, got 4"),
+        (broken("steps", 1000), "steps must be at most 45, got 1000"),
         (broken("steps", 1), "path_length must be at most 0.45 m in 1 steps, got "),
         (broken("looks", 0), "episodes[0].looks must be at least 1, got 0"),
         (broken("looks", 1000), "the first step and one after each, got 1000"),
@@ -82,10 +82,10 @@ def test_an_arrival_needs_the_way_to_the_goal(edited, small_suite):
         content["episodes"][0].update(outcome="goal", success=True, path_length=1.0, spl=1.0, distance=0.9)
 
     def stay_away(content):
-        content["episodes"][0].update(outcome="goal", success=True, path_length=4.0, spl=1.0, distance=1.2)
+        content["episodes"][0].update(outcome="goal", success=True, path_length=3.0, spl=1.0, distance=1.2)
 
     for change, message in (
-        (jump, r"path_length must be at least 2.95 m for an arrival, got 1"),
+        (jump, r"path_length must be at least 1.95 m for an arrival, got 1"),
         (stay_away, r"distance must be at most 1 m for an arrival, got 1.2"),
     ):
         with pytest.raises(DatasetError, match=message):

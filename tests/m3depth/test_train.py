@@ -58,7 +58,7 @@ def losses_of(out: Path) -> list[float]:
 
 
 def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_path) -> None:
-    config, cpu = config_for(tmp_path, max_steps=20), torch.device("cpu")
+    config, cpu = config_for(tmp_path, max_steps=12), torch.device("cpu")
     untrained = validate(Run(config, cpu).averaged, [pack(plane_samples[0])], cpu)
     scores = train(config, plane_samples, plane_samples)
     assert scores["epe"] < 0.7 * untrained["epe"] and scores["normal"] < 0.3 * untrained["normal"]
@@ -71,7 +71,7 @@ def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_p
 @pytest.mark.usefixtures("undrawn_figures")
 def test_the_refinement_of_larger_pairs_is_trained(large_samples, tmp_path) -> None:
     """From where the reduced pair ends, at full resolution: its errors fall, and the weights move by its loss alone."""
-    config, cpu = config_for(tmp_path, max_steps=20), torch.device("cpu")
+    config, cpu = config_for(tmp_path, max_steps=12), torch.device("cpu")
     untrained = validate(Run(config, cpu).averaged, [pack(large_samples[0])], cpu)
     scores = train(config, large_samples, large_samples)
     assert scores["epe"] < 0.7 * untrained["epe"] and scores["normal"] < 0.3 * untrained["normal"]

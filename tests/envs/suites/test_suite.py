@@ -22,8 +22,8 @@ def test_a_suite_names_every_episode(suite):
     seeds = {key[::2]: episode["seed"] for key, episode in suite.episodes.items()}
     assert len(set(seeds.values())) == 3  # the same under both conditions, and no split shares one
     episode = suite.episodes["dev", "clear", 0]
-    assert np.hypot(*np.subtract(episode["goal"], episode["start"][:2])) == pytest.approx(4, abs=0.01)
-    assert episode["shortest"] >= 3.99
+    assert np.hypot(*np.subtract(episode["goal"], episode["start"][:2])) == pytest.approx(3, abs=0.01)
+    assert episode["shortest"] >= 2.99
 
 
 def test_the_course_of_an_episode_is_that_of_the_suite(suite):
