@@ -107,6 +107,14 @@ def large_set(tmp_path_factory, large_samples) -> Path:
 
 
 @pytest.fixture
+def undrawn_rows(monkeypatch) -> None:
+    """Let an empty file stand for the picture of a pair's rows, which takes longer than to rectify the pair."""
+    monkeypatch.setattr(
+        "m3depth.rectification.figure.rows_figure", lambda left, right, pair, path: path.write_bytes(b"")
+    )
+
+
+@pytest.fixture
 def drawn_figures(monkeypatch) -> list[Figure]:
     """Every figure of the test, as it is when m3depth.figures.drawing.save writes it."""
     figures: list[Figure] = []

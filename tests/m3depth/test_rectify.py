@@ -78,6 +78,7 @@ def test_raw_images_in_the_folder_of_the_results_are_not_replaced(tmp_path, imag
     assert capsys.readouterr().err.startswith(line) and left.read_bytes() == before
 
 
+@pytest.mark.usefixtures("undrawn_rows")
 def test_what_is_uncertain_about_a_calibration_is_a_warning(tmp_path, images, capsys, monkeypatch):
     noted = PosedPair(*(replace(camera, note="the orientation is uncertain") for camera in (PAIR.left, PAIR.right)))
     monkeypatch.setattr("m3depth.rectification.checked.read_raw_calibration", lambda paths, fisheye: noted)
@@ -86,6 +87,7 @@ def test_what_is_uncertain_about_a_calibration_is_a_warning(tmp_path, images, ca
     assert capsys.readouterr().err == f"warning: {left} and {right}: the orientation is uncertain\n"
 
 
+@pytest.mark.usefixtures("undrawn_rows")
 def test_a_rectified_pair_can_be_rectified_again_by_its_rig_file(tmp_path, images):
     """There is nothing left to take out; the content moves by pixels, as its middle comes to the image's middle."""
     left, right, calib = images
@@ -112,12 +114,14 @@ def test_products_are_rectified_by_their_labels_and_the_right_one_is_found(tmp_p
 
 
 @needs_pdr
+@pytest.mark.usefixtures("undrawn_rows")
 def test_companded_products_of_8_bits(tmp_path):
     left, right = write_products(tmp_path, cahvore_pair(), bits=8)
     assert main([str(left), str(right), "--out", str(tmp_path / "out")]) == 0
     assert report_of(tmp_path / "out")["rows"]["rectified"]["median_px"] < 0.06
 
 
+@pytest.mark.usefixtures("undrawn_rows")
 def test_a_common_disparity_is_given_back_when_the_pair_is_predicted(tmp_path):
     pair, wall = opencv_pair(vergence_deg=10), (WALL[0], 1.0)  # nearer, so that much is common to all disparities
     left, right = write_images(tmp_path, pair, wall)
@@ -145,6 +149,7 @@ def test_align_without_a_calibration_says_that_depth_has_no_scale(tmp_path, imag
     assert len(report["rows"]["removed"]["terms_px"]) == 6
 
 
+@pytest.mark.usefixtures("undrawn_rows")
 def test_predict_names_the_pair_that_has_no_scale(tmp_path, images, capsys):
     left, right, _ = images
     assert main([str(left), str(right), "--align", "--out", str(tmp_path / "pair")]) == 0
@@ -211,6 +216,7 @@ def test_a_truncated_product(tmp_path, products, capsys):
         ("ROVER_MOTION_COUNTER", "(33,2842,1,0)", "the rover or its mast moved between them"),
     ],
 )
+@pytest.mark.usefixtures("undrawn_rows")
 def test_products_of_different_times(tmp_path, capsys, key, value, says):
     left, right = write_products(tmp_path, cahvore_pair(), **{key: value})
     assert says in refused(capsys, left, right, tmp_path / "out")
@@ -239,6 +245,7 @@ def test_wrong_flags(tmp_path, images, capsys, flags, says):
     assert says in refused(capsys, *images[:2], *flags, tmp_path / "out")
 
 
+@pytest.mark.usefixtures("undrawn_rows")
 def test_images_that_are_rectified_already_are_refused(tmp_path, images, capsys):
     left, right, calib = images
     assert main([str(left), str(right), "--calib", str(calib), "--out", str(tmp_path / "one")]) == 0

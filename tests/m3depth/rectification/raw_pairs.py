@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ GROUND = np.array([0.05, -0.9, -0.43]), 1.3
 WALL = np.array([0.1, -0.2, -0.97]), 1.4
 CELL = 0.012  # [m] of the texture on the ground
 _texture = cv2.GaussianBlur(np.random.default_rng(4).normal(size=(2048, 2048)).astype(np.float32), (0, 0), 1.6)
+_drawn: dict[bytes, np.ndarray] = {}  # images by camera and plane
 TEXTURE = 128 + 55 * _texture / _texture.std()
 
 
@@ -58,6 +60,13 @@ def depth_of(plane: tuple[np.ndarray, float], view: RectifiedView, pixels: np.nd
 
 def drawn(camera: PosedCamera, plane: tuple[np.ndarray, float] = GROUND) -> np.ndarray:
     """(H, W) float image of a textured plane, four rays a pixel; 30 where there is sky or nothing."""
+    key = pickle.dumps((camera, plane))
+    if key not in _drawn:
+        _drawn[key] = _draw(camera, plane)
+    return _drawn[key].copy()
+
+
+def _draw(camera: PosedCamera, plane: tuple[np.ndarray, float]) -> np.ndarray:
     normal, distance = plane
     width, height = SIZE
     total = np.zeros((height, width))

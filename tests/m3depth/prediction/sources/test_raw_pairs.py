@@ -25,6 +25,7 @@ from marssim.base.calibration.orientation import rectified_view
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.images.resampling import pixel_grid
 
+pytestmark = pytest.mark.usefixtures("undrawn_rows")
 needs_pdr = pytest.mark.skipif(find_spec("pdr") is None, reason="needs the extra real")
 PAIR = opencv_pair()
 
