@@ -45,6 +45,17 @@ def small_network(monkeypatch):
     torch.set_num_threads(threads)
 
 
+@pytest.fixture(autouse=True)
+def few_figures(request) -> None:
+    """Only the tests that are about pictures draw them: each training ends with one, which takes half a second."""
+    about_pictures = (
+        test_training_lowers_the_errors_and_writes_what_it_says, test_tensorboard_holds_curves_and_panels,
+        test_a_run_draws_its_curves_and_names_the_picture, test_curves_are_drawn_at_validations_and_at_the_end,
+    )  # fmt: skip
+    if request.function not in about_pictures:
+        request.getfixturevalue("undrawn_figures")
+
+
 def config_for(out: Path, **changes) -> TrainConfig:
     base = TrainConfig(
         data=(Path("planes"),), out=out, batch=2, crop=(32, 64), max_steps=10, lr=5e-3, validate_samples=1, device="cpu"
@@ -68,7 +79,6 @@ def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_p
     assert list((tmp_path / "panels").glob("*.png"))
 
 
-@pytest.mark.usefixtures("undrawn_figures")
 def test_the_refinement_of_larger_pairs_is_trained(large_samples, tmp_path) -> None:
     """From where the reduced pair ends, at full resolution: its errors fall, and the weights move by its loss alone."""
     config, cpu = config_for(tmp_path, max_steps=12), torch.device("cpu")
@@ -99,7 +109,6 @@ class KilledAt:
         return self.samples[index]
 
 
-@pytest.mark.usefixtures("undrawn_figures")
 def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> None:
     settings = {"max_steps": 8, "cache": False, "validate_every": 0}
     train(config_for(tmp_path / "whole", **settings), plane_samples, [])
@@ -133,7 +142,6 @@ def test_the_command_saves_after_a_signal_and_exits_with_130_but_under_torchrun_
     assert printed.endswith("error: interrupted; the same command goes on from here\n") != torchrun
 
 
-@pytest.mark.usefixtures("undrawn_figures")
 def test_a_signal_during_the_last_save_costs_nothing(plane_samples, tmp_path, monkeypatch) -> None:
     save = Run.save
 
@@ -159,7 +167,6 @@ def six_steps(plane_samples, tmp_path_factory) -> Path:
     return out
 
 
-@pytest.mark.usefixtures("undrawn_figures")
 @pytest.mark.parametrize("last", [2, 3, 6])
 def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(
     plane_samples, six_steps, tmp_path, monkeypatch, last
@@ -232,7 +239,6 @@ def test_tensorboard_holds_curves_and_panels(plane_samples, tmp_path) -> None:
     assert (panel.height, panel.width) == drawn.shape[:2]
 
 
-@pytest.mark.usefixtures("undrawn_figures")
 def test_a_time_budget_counts_what_was_spent_before(plane_samples, tmp_path, capsys, monkeypatch) -> None:
     clock = iter(range(10**6))
     ticking = SimpleNamespace(
@@ -292,7 +298,6 @@ def test_bf16_is_near_fp32_and_trains(plane_samples, tmp_path) -> None:
     assert all(tensor.dtype == torch.float32 and torch.isfinite(tensor).all() for tensor in state["model"].values())
 
 
-@pytest.mark.usefixtures("undrawn_figures")
 def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, capsys) -> None:
     config = config_for(tmp_path, max_steps=3, validate_every=1)
     scores = train(config, plane_samples, plane_samples)
@@ -601,7 +606,6 @@ def test_out_that_is_a_file_is_one_line_and_exit_2(plane_samples, tmp_path, caps
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
-@pytest.mark.usefixtures("undrawn_figures")
 def test_a_second_run_in_the_folder_is_refused_and_the_first_is_whole(plane_samples, tmp_path, capsys) -> None:
     config = config_for(tmp_path / "run", max_steps=2, validate_every=0)
 
