@@ -66,7 +66,7 @@ def test_the_checker_of_gymnasium_accepts_the_environment(make_env, rockless, se
     ("settings", "wrap"),
     [
         ({"mast": True, **NOISY}, False), ({"mast": True, **NOISY}, True),
-        ({"slip": "sand", "dynamics": "physics"}, False), (DRAWN, False),
+        ({"slip": "sand"}, False), (DRAWN, False),
     ],
 )  # fmt: skip
 def test_the_checker_of_stable_baselines_accepts_the_environment(make_env, rockless, settings, wrap):
