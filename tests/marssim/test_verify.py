@@ -22,6 +22,13 @@ def folder(closed_form_set, tmp_path) -> Path:
     return shutil.copytree(closed_form_set, tmp_path / "set")
 
 
+@pytest.fixture
+def undrawn(monkeypatch) -> None:
+    """Let empty files stand for the pictures of statistics and samples."""
+    for name in ("statistics_figure", "sample_figure"):
+        monkeypatch.setattr(command, name, lambda *_: b"")
+
+
 def run(capfd, *args: object) -> tuple[int, str, str]:
     """Return the exit code, the standard output and the standard error of the command."""
     code = command.main([str(a) for a in args])
@@ -51,6 +58,7 @@ def test_a_good_dataset(folder, tmp_path, capfd):
     assert (tmp_path / "out" / "statistics.png").stat().st_size > 10000
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_each_dataset_has_a_folder_for_its_results(folder, tmp_path, capfd, monkeypatch):
     """Results of two datasets with the same folder name do not overwrite each other."""
     monkeypatch.chdir(tmp_path)
@@ -83,6 +91,7 @@ def test_an_export_is_not_taken_for_a_dataset(folder, tmp_path, capfd):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
 def test_a_dataset_that_is_being_written_is_not_checked(folder, tmp_path, capfd):
     """Samples may still be shown, and the lock's file of a killed command does not matter."""
@@ -131,6 +140,7 @@ def test_a_folder_without_permission_is_reported_before_the_work(folder, tmp_pat
         assert mistake(capfd, *asked, "--out", tmp_path) == f"error: --out {tmp_path}: permission denied"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
     (folder / "scenes/00000/00/left.png").unlink()
     image = folder / "scenes/00001/00/depth.png"
@@ -160,6 +170,7 @@ def test_many_findings_are_cut_short_on_the_screen(folder, tmp_path, capfd, monk
     assert len(json.loads((tmp_path / "out" / "verify.json").read_text())["findings"]) == 4
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_only_some_samples_are_decoded(folder, tmp_path, capfd, monkeypatch):
     read, whole = [], command.read_sample
 
@@ -214,6 +225,7 @@ def test_the_cross_check_prints_and_writes_what_it_finds(tmp_path, capfd, monkey
         assert noted["makers"]["embree"] == {"planes_px": [0.0, 0.0], "good": True} and noted["scene"] == "utopia"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_dataset_beside_the_cross_check_is_checked_too(folder, tmp_path, capfd, monkeypatch):
     checks = {"scan": RendererCheck(None, np.zeros(2))}
     monkeypatch.setattr(command, "cross_check", lambda *_: (checks, []))
@@ -257,6 +269,7 @@ def test_bad_values_name_their_flag(folder, tmp_path, args, named, capfd):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_view_shows_all_pairs_after_the_check_or_the_sample_alone(folder, tmp_path, capfd, monkeypatch):
     pages = []
     monkeypatch.setattr(command, "check_viewer", lambda: None)

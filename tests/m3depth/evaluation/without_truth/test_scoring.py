@@ -163,6 +163,7 @@ def write_rectified(folder, name="", scale=1.0, **rig):
     return folder / name
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_common_disparity_stays_out_of_the_images_as_in_a_prediction(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
     pair = write_rectified(tmp_path)
@@ -189,6 +190,7 @@ def test_depth_and_the_nearest_one_are_those_with_the_common_disparity():
     assert len(asked) == 6 and set(asked) == {RIG.fb}  # 0.84 m lies farther off than all that the images show
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_each_pair_has_the_rig_beside_it_and_pairs_of_two_cameras_are_scored(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
     write_rectified(tmp_path, "a/rectified")
