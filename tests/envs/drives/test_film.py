@@ -6,6 +6,7 @@ import pytest
 
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drives.film import FPS, MAP_TITLE, PANEL, Film, navigator_map
+from envs.world.eyes import EyesConfig
 from envs.world.outside_view import WIDTH
 from m3depth.stereo.prediction import Prediction
 from marssim.physics.state import Contacts
@@ -16,7 +17,8 @@ from nav.command import Command
 def filmed(on_course, make_scene, make_course, tmp_path):
     """An environment at its first step, the navigator that drives it, and a film of that."""
     scene = make_scene(rocks=[(-0.6, 0.0, 1.2, 0.8)])
-    env = on_course(make_course(scene, start=(-3.0, 0.0, 0.0), goal=(3.0, 0.0)), mast=True)
+    course, small = make_course(scene, start=(-3.0, 0.0, 0.0), goal=(3.0, 0.0)), EyesConfig(image_pixels=128)
+    env = on_course(course, mast=True, eyes=small)
     driver, film = NavigatorDriver(), Film(tmp_path / "drive.mp4")
     driver.reset(env, 0)
     driver.act(env, env._observation())
