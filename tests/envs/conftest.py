@@ -64,9 +64,10 @@ def make_course():
 
 @pytest.fixture(scope="session")
 def small_scene():
-    """A drawn place, cheap to build: no bedrock, no small rocks, a near horizon."""
+    """A drawn place, cheap to build: no bedrock, no stones or small rocks, no drifts, a near horizon."""
     config = preset("utopia", size=12.0, horizon=14.0)
-    return replace(config, rocks=replace(config.rocks, min_diameter=0.2))
+    look = replace(config.look, **dict.fromkeys(("pebbles", "gravel", "drifts"), (0.0, 0.0)))
+    return replace(config, look=look, rocks=replace(config.rocks, min_diameter=0.2))
 
 
 @pytest.fixture(scope="session")
