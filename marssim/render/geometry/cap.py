@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from marssim.render.geometry.mesh import SceneMesh, ground_mesh
 from marssim.render.relief.ground import Ground
@@ -61,8 +61,7 @@ def _thickness(grid: HeightGrid, ground: Ground) -> np.ndarray:
     x, y = np.meshgrid(grid.x0 + np.arange(nx) * grid.cell, grid.y0 + np.arange(ny) * grid.cell, copy=False)
     share = ground.data[cover.share : cover.share + 3 * cover.nodes**2].reshape(cover.nodes, cover.nodes, 3)
     wide = 2 * int(np.ceil(grid.cell * cover.per_cell)) + 1
-    highest = ndimage.maximum_filter(share, size=(wide, wide, 1), mode="nearest")
-    lowest_sand = ndimage.minimum_filter(share[..., 0], size=wide, mode="nearest")
+    highest, lowest_sand = _highest(share, wide), -_highest(-share[..., 0], wide)
     i, j = (np.clip(np.rint((at - cover.start) * cover.per_cell), 0, cover.nodes - 1).astype(int) for at in (x, y))
     sand, _, swept = np.moveaxis(highest[j, i], -1, 0)
     rough = float(relief.strength) * (1 - SAND_RELIEF * lowest_sand[j, i])
@@ -77,6 +76,20 @@ def _thickness(grid: HeightGrid, ground: Ground) -> np.ndarray:
     return out + _stone_tops(grid, ground) + _drift_tops(grid, ground)
 
 
+def _highest(maps: np.ndarray, wide: int, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
+    """Return the greatest value around each cell of maps (h, w) or (h, w, C).
+
+    Args:
+        maps: Of floats.
+        wide: Cells along the side of the square around a cell, odd.
+        border: How OpenCV goes on beyond the borders.
+    """
+    reach = wide // 2
+    extended = cv2.copyMakeBorder(maps, reach, reach, reach, reach, border)
+    square = cv2.getStructuringElement(cv2.MORPH_RECT, (wide, wide))
+    return cv2.dilate(extended, square)[reach : reach + maps.shape[0], reach : reach + maps.shape[1]]
+
+
 def _drift_tops(grid: HeightGrid, ground: Ground) -> np.ndarray:
     """Return the greatest height of the drifts around each node of a grid (ny, nx) [m]."""
     ny, nx = grid.heights.shape
@@ -84,7 +97,7 @@ def _drift_tops(grid: HeightGrid, ground: Ground) -> np.ndarray:
     if nodes == 0:
         return np.zeros((ny, nx))
     wide = 2 * (int(np.ceil(grid.cell * base.per_fine_cell)) + SUPPORT) + 1
-    highest = ndimage.maximum_filter(ground.drifts, size=wide, mode="nearest")
+    highest = _highest(ground.drifts, wide)
     i, j = (
         np.rint((first + np.arange(count) * grid.cell - base.fine_start) * base.per_fine_cell).astype(int)
         for first, count in ((grid.x0, nx), (grid.y0, ny))
@@ -113,7 +126,7 @@ def _highest_around(data: np.ndarray, tile: Tile, reach: float, x: np.ndarray, y
     nodes = int(np.ceil(np.sqrt(2) * reach / tile.spacing)) + 1
     if 2 * nodes + 1 >= side:
         return np.full(x.shape, level.max())
-    around = ndimage.maximum_filter(level, size=2 * nodes + 1, mode="wrap")
+    around = _highest(level, 2 * nodes + 1, cv2.BORDER_WRAP)
     u = (tile.cosine * x - tile.sine * y) / tile.spacing + tile.offset
     v = (tile.sine * x + tile.cosine * y) / tile.spacing + tile.offset
     return around[np.rint(v).astype(int) % side, np.rint(u).astype(int) % side]

@@ -88,17 +88,27 @@ def body_mesh(scene: Scene) -> SceneMesh:
     """Return the triangles of what stands on a scene's ground, one piece for each body."""
     rocks = scene.bodies
     start = np.searchsorted(rocks.face_rock, np.arange(len(rocks) + 1))
-    low = high = np.zeros((0, 3))
-    if len(rocks):
-        # the first corners of a rock's faces do not include every vertex, so all three corners count
-        corner = [rocks.vertices[rocks.faces[:, k]] for k in range(3)]
-        low, high = np.minimum(np.minimum(*corner[:2]), corner[2]), np.maximum(np.maximum(*corner[:2]), corner[2])
-        low, high = np.minimum.reduceat(low, start[:-1]), np.maximum.reduceat(high, start[:-1])
+    low, high = _boxes(rocks.vertices, rocks.faces, start)
     return SceneMesh(
         vertices=rocks.vertices, faces=rocks.faces, surface=(rocks.face_rock + 1).astype(np.int32),
         vertex_normals=(ROCK_SMOOTHNESS * rocks.vertex_normals).astype(np.float32), start=start.astype(np.int64),
         low=low, high=high,
     )  # fmt: skip
+
+
+@compiled
+def _boxes(vertices, faces, start):
+    """Return the least and the greatest coordinates (N, 3) of the faces of N pieces."""
+    low = np.full((len(start) - 1, 3), np.inf)
+    high = np.full((len(start) - 1, 3), -np.inf)
+    for piece in range(len(low)):
+        for face in range(start[piece], start[piece + 1]):
+            for corner in range(3):
+                for axis in range(3):
+                    value = vertices[faces[face, corner], axis]
+                    low[piece, axis] = min(low[piece, axis], value)
+                    high[piece, axis] = max(high[piece, axis], value)
+    return low, high
 
 
 def _joined(parts: list[SceneMesh]) -> SceneMesh:
