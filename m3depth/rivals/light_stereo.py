@@ -12,6 +12,7 @@ disparity, and weights from the left image upsample it: each pixel is a mean ove
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import torch
@@ -31,6 +32,11 @@ COARSE_SHARE = 0.3  # weight of the loss of the map at 1/4
 STAGES = ((1, 1, 1, 1), (6, 2, 2, 2), (6, 3, 3, 2), (6, 4, 4, 2), (6, 5, 3, 1), (6, 6, 3, 2))
 
 
+def whole_norm(channels: int) -> nn.GroupNorm:
+    """Return a group normalisation with all channels in one group."""
+    return nn.GroupNorm(1, channels)
+
+
 class InvertedResidual(nn.Module):
     """1 x 1 to more channels, 3 x 3 in each, 1 x 1 to fewer; with a skip where the shape stays (MobileNetV2).
 
@@ -39,19 +45,22 @@ class InvertedResidual(nn.Module):
         outputs: Channels of the output.
         stride: Stride.
         expansion: Factor of the channels inside; 1 leaves out the first layer.
+        norm: Returns the normalisation of a number of channels.
     """
 
-    def __init__(self, inputs: int, outputs: int, stride: int, expansion: int) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, stride: int, expansion: int, norm: Callable[[int], nn.Module] = group_norm
+    ) -> None:
         super().__init__()
         inner = inputs * expansion
-        widen = [nn.Conv2d(inputs, inner, 1, bias=False), group_norm(inner), nn.ReLU6(inplace=True)]
+        widen = [nn.Conv2d(inputs, inner, 1, bias=False), norm(inner), nn.ReLU6(inplace=True)]
         self.layers = nn.Sequential(
             *(widen if expansion > 1 else []),
             nn.Conv2d(inner, inner, 3, stride, padding=1, groups=inner, bias=False),
-            group_norm(inner),
+            norm(inner),
             nn.ReLU6(inplace=True),
             nn.Conv2d(inner, outputs, 1, bias=False),
-            group_norm(outputs),
+            norm(outputs),
         )
         self.skips = stride == 1 and inputs == outputs
 
@@ -148,6 +157,9 @@ class StripAttention(nn.Module):
 class Hourglass(nn.Module):
     """The aggregation: inverted residual blocks at 1/4, 1/8 and 1/16, and back.
 
+    Its channels are shifts, and all of an image are normalised together: in groups of a few, those that no surface has
+    would become as large as those that match.
+
     Args:
         shifts: Channels of the volume at 1/4, one a shift; twice and four times as many at 1/8 and 1/16.
         blocks: Number of blocks at each scale.
@@ -161,16 +173,17 @@ class Hourglass(nn.Module):
         self.down = nn.ModuleList()
         inputs = shifts
         for scale, (width, count) in enumerate(zip(widths, blocks, strict=True)):
-            rows = [InvertedResidual(inputs if n == 0 else width, width, 2 if scale and n == 0 else 1, expansion)
-                    for n in range(count)]  # fmt: skip
+            rows = [InvertedResidual(
+                inputs if n == 0 else width, width, 2 if scale and n == 0 else 1, expansion, whole_norm
+            ) for n in range(count)]  # fmt: skip
             self.down.append(nn.Sequential(*rows))
             inputs = width
         self.attention = nn.ModuleList([StripAttention(w, f) for w, f in zip(widths, features[:3], strict=True)])
-        self.skips = nn.ModuleList([InvertedResidual(w, w, 1, expansion) for w in widths[:2]])
+        self.skips = nn.ModuleList([InvertedResidual(w, w, 1, expansion, whole_norm) for w in widths[:2]])
         self.up = nn.ModuleList(
             [
                 nn.Sequential(
-                    nn.ConvTranspose2d(coarse, fine, 3, 2, padding=1, output_padding=1, bias=False), group_norm(fine)
+                    nn.ConvTranspose2d(coarse, fine, 3, 2, padding=1, output_padding=1, bias=False), whole_norm(fine)
                 )
                 for fine, coarse in pairwise(widths)
             ]

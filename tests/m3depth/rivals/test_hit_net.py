@@ -82,6 +82,15 @@ def test_the_loss_of_a_guess_is_its_cost_at_the_truth_and_what_a_wrong_one_lacks
     assert guess_loss(costs, true + 9, torch.ones_like(true, dtype=torch.bool)) == 0  # beyond the search
 
 
+def test_larger_costs_are_better_where_one_of_the_wrong_ones_is_least() -> None:
+    """Else the costs of features that are not trained would fall to 0, all alike."""
+    costs = torch.tensor([0.1, 0.9, 0.9, 0.3, 0.9, 0.9, 0.5])[None, :, None, None]
+    true = torch.full((1, 1, 1, 1), 3.0)
+    known = torch.ones_like(true, dtype=torch.bool)
+    assert guess_loss(costs, true, known) == pytest.approx(0.3 + (0.9 + 0.1 + 0.1 + 0.5) / 4)  # 0, 1, 5 and 6 are wrong
+    assert guess_loss(1.1 * costs, true, known) < guess_loss(costs, true, known)
+
+
 def test_the_robust_distance_is_a_parabola_first_and_grows_more_slowly_than_the_error_later() -> None:
     small, large = torch.tensor([0.01, 0.02]), torch.tensor([10.0, 20.0])
     assert float(robust(small)[1] / robust(small)[0]) == pytest.approx(4, rel=0.02)
