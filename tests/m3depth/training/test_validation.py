@@ -10,7 +10,7 @@ import torch
 from small_network import SMALL
 
 from m3depth.datasets.open import open_pairs
-from m3depth.figures.pairs import COLUMNS
+from m3depth.figures.pairs import COLUMNS, NORMAL_COLUMNS
 from m3depth.network import model as model_module
 from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import spread
@@ -64,7 +64,8 @@ def test_the_panel_names_its_pairs_and_has_their_scales(plane_set, tmp_path, mon
     (path,) = (tmp_path / "panels").iterdir()
     assert cv2.imread(str(path)) is not None
     panel = drawn_figures[0]  # in a slow run the curves follow it
-    rows = [panel.axes[start : start + len(COLUMNS)] for start in range(0, PANEL_PAIRS * len(COLUMNS), len(COLUMNS))]
+    width = len(COLUMNS + NORMAL_COLUMNS)
+    rows = [panel.axes[start : start + width] for start in range(0, PANEL_PAIRS * width, width)]
     chosen = spread(len(pairs), 8)[:PANEL_PAIRS]
     assert [row[0].get_ylabel() for row in rows] == [pairs.names[index] for index in chosen]
     for row, index in zip(rows, chosen):
