@@ -10,8 +10,8 @@ branches give normals, from which last layers make the result. The hybrid loss c
 angles at 1/4 and 1/8.
 
 The released model sees the depth [m] of whole images. Here crops are trained, in which a pixel's place says nothing of
-its direction, so that the depth branch sees the direction beside the logarithm of depth. The map of its confidence,
-which has no bounds, starts near 1, so that no features of depth start with the wrong sign.
+its direction, so that the depth branch sees the direction beside the logarithm of depth. The confidence map,
+which is unbounded, starts near 1, so that it does not negate the features of the depth branch.
 """
 
 from __future__ import annotations

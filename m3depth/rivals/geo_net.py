@@ -64,7 +64,7 @@ class FirstNormals(nn.Module):
 
 
 def convolution(inputs: int, outputs: int, kernel: int = 3, dilation: int = 1) -> nn.Sequential:
-    """Return a convolution and ReLU; without normalisation, so that a crop gives what the whole image gives."""
+    """Return a convolution and ReLU, without normalisation: its statistics would differ between crops and images."""
     padding = dilation * (kernel // 2)
     return nn.Sequential(nn.Conv2d(inputs, outputs, kernel, 1, padding, dilation), nn.ReLU(inplace=True))
 

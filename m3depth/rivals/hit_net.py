@@ -9,9 +9,9 @@ descriptor. From coarse to fine, the hypotheses of the level before are enlarged
 the new ones: the right features are warped by each plane, and a small network corrects both and says which one to take.
 Three refinements end at single pixels. Each part has a loss of its own (hit_net_loss.py): the costs of the guesses, the
 disparities (a robust distance, which counts an error of more than 1 px as one of 1 px at the coarser resolutions), the
-slants where the disparity is right, and the confidences by which hypotheses are chosen. That of the guesses counts
-all wrong disparities, where the paper has the likeliest one, and more than the others, so that short trainings learn to
-match.
+slants where the disparity is right, and the confidences by which hypotheses are chosen. That of the guesses
+averages over all wrong disparities, where the paper takes the most likely one, and has a larger weight than the others,
+so that the features learn to match in a short training.
 
 What takes disparities as numbers computes in full precision. The features and the guesses start with the weights of He
 et al.: with PyTorch's own, which are smaller, the features fade from layer to layer, and costs in bfloat16 hardly

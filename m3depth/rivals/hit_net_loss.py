@@ -146,10 +146,10 @@ def robust(error: Tensor) -> Tensor:
 
 
 def guess_loss(costs: Tensor, true: Tensor, valid: Tensor) -> Tensor:
-    """Return the cost at the true disparity, and by how much those of wrong ones fall short of MARGIN in the mean.
+    """Return the cost at the true disparity plus the mean amount by which wrong disparities' costs are below MARGIN.
 
-    The paper takes the least cost of a wrong one. With random features it is less than the cost at the truth, and the
-    loss drives all costs to 0 in fifty steps, from where they did not come back in 300.
+    The paper takes the least cost of a wrong disparity. With random features it is smaller than the cost at the true
+    disparity, so that the loss decreases as all costs shrink: they reached 0 within fifty steps, and stayed there.
 
     Args:
         costs: (B, D, h, w) of the disparities 0, 1, ... D - 1.

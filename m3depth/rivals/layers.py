@@ -92,7 +92,7 @@ def start_as_encoder(module: nn.Module) -> None:
 
 
 def start_as_he(module: nn.Module, slope: float = 0.0) -> None:
-    """Draw the weights of all convolutions so that rectifiers keep the size of what passes (He et al., 2015).
+    """Draw the weights of all convolutions so that rectifiers preserve the variance (He et al., 2015).
 
     Args:
         module: Holds the convolutions, each with a bias, which starts at 0.
@@ -105,7 +105,7 @@ def start_as_he(module: nn.Module, slope: float = 0.0) -> None:
 
 
 def start_small(layer: nn.Module) -> None:
-    """Draw the weights of the last layer of a correction so that it starts as almost none."""
+    """Draw small weights for the last layer of a correction, which then starts near zero."""
     nn.init.normal_(layer.get_parameter("weight"), std=1e-3)
     nn.init.zeros_(layer.get_parameter("bias"))
 

@@ -157,8 +157,8 @@ class StripAttention(nn.Module):
 class Hourglass(nn.Module):
     """The aggregation: inverted residual blocks at 1/4, 1/8 and 1/16, and back.
 
-    Its channels are shifts, and all of an image are normalised together: in groups of a few, those that no surface has
-    would become as large as those that match.
+    Its channels are shifts, and one group of the normalisation has them all. Small groups would amplify the scores of
+    shifts without a match.
 
     Args:
         shifts: Channels of the volume at 1/4, one a shift; twice and four times as many at 1/8 and 1/16.

@@ -125,7 +125,8 @@ class NormalInput(NamedTuple):
     def log_depth(self) -> Tensor:
         """(B, 1, H, W), logarithm of the depth in baselines. Its slopes do not depend on the distance of a surface.
 
-        Where no depth was measured, it is the mean of where it was: a sky of 500 m would rule every normalisation.
+        Pixels without a measured depth get the mean of the others. Otherwise a sky of 500 m would dominate the
+        statistics of every normalisation.
         """
         depth = (self.camera[:, :1, None, None] / self.disparity).log()
         total = (depth * self.valid).sum((2, 3), keepdim=True)

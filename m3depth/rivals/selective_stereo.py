@@ -18,7 +18,7 @@ from m3depth.rivals.config import SelectiveStereoConfig
 from m3depth.rivals.recurrent import MotionEncoder, RecurrentStereo, correction_head, enlarged, halved
 
 REDUCTION = 16  # of the channels inside the channel attention
-FEWEST = 8  # channels there, as many as in the published width: of two, both may start with no gradient
+FEWEST = 8  # least channels inside it, as in the published width: with two, both may start without a gradient
 KERNELS = (1, 3)  # of the two units, for detail and for smooth surfaces
 
 
