@@ -84,7 +84,7 @@ class EvaluateOptions:
     split: Split = "test"
     """Part of the dataset to score: test, which training leaves out, or all, for data that nothing was trained on."""
     weights: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH ...")] = ()
-    """Weights files (.safetensors) of m3depth.train to score, each in a column named after its file or run folder.
+    """Weights files (.safetensors) of m3depth.train to score, each in a row named after its file or run folder.
     Without any, the shipped weights are scored, as M3Depth."""
     baselines: tuple[Baseline, ...] = ("sgbm",)
     """Classical methods to score on the same pairs: sgbm is OpenCV's semi-global matching along five paths, sgbm-hh
@@ -95,10 +95,10 @@ class EvaluateOptions:
     estimator: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME=]ESTIMATOR[,fill|,unfilled] ...")] = ()
     """Further methods to score: package.module:Class, a class without arguments that has infer(left, right, rig);
     m3depth (the shipped weights), m3depth:PATH (other weights), or a classical method by its name in --baselines.
-    NAME= before it names its column. ",fill" after it fills unknown pixels from the background, and ",unfilled" after
+    NAME= before it names its row. ",fill" after it fills unknown pixels from the background, and ",unfilled" after
     that of a classical method leaves pixels without a match unknown."""
     predictions: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{FORM} ...")] = ()
-    """Folders of maps that other programs wrote, each scored in a column NAME. The maps hold disparity [px], or depth
+    """Folders of maps that other programs wrote, each scored in a row NAME. The maps hold disparity [px], or depth
     [m] with ",depth". ",scale=S" says that they hold S times that (-1 for RAFT-Stereo and Pandora); without it, S is 1,
     but 256 for disparity and 1000 for depth in PNG files. ",fill" fills unknown pixels from the background.
     m3depth/evaluation/recorded_maps.py lists the names of the files."""

@@ -74,7 +74,7 @@ def _false(record: Record) -> tuple[float, float]:
 
 HIGH_AND_NEAR = (0.2, np.inf, 0.0, 8.0)  # rocks that decide a drive
 PIXELS = {
-    "epe_visible": Term("EPE of what both eyes see [px]", partial(_mean, "epe", "visible"), ratio=True),
+    "epe_visible": Term("EPE, non-occluded [px]", partial(_mean, "epe", "visible"), ratio=True),
     "abs_rel": Term("Abs Rel", partial(_mean, "abs_rel", None), ratio=True),
     "bad1": Term("bad-1", partial(_mean, "bad1", None), percent=True, ratio=True),
     "normal": Term("normals [°]", partial(_mean, "normal_mean", None), ratio=True),

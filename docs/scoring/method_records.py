@@ -22,12 +22,12 @@ POOLED = ("mae", "rmse", "abs_rel", "bad1")  # figures of an interval of depth
 DIGITS = 6  # significant digits of the figures of a pair
 COLUMNS = {
     **DEPTH_COLUMNS,
-    VISIBLE: "EPE of what both eyes see [px] ↓",
+    VISIBLE: "EPE, non-occluded [px] ↓",
     **{f"normal_{name}": title for name, title in NORMAL_COLUMNS.items()},
 }
 """The figures of a pair, with their headings in tables."""
 RATIOS = {
-    "abs_rel": "Abs Rel", "epe": "EPE", VISIBLE: "EPE of what both eyes see",
+    "abs_rel": "Abs Rel", "epe": "EPE", VISIBLE: "EPE, non-occluded",
     "normal_mean": "mean error of the normals",
 }  # fmt: skip
 """The figures that are also given over those of the reference."""

@@ -35,7 +35,7 @@ def _summary(content: Mapping[str, Any]) -> list[str]:
     sets, runs = content["sets"], content["runs"]
     first = next(iter(sets))
     columns = [(name, "abs_rel", "Abs Rel") for name in sets]
-    columns += [(first, VISIBLE, "EPE of what both eyes see [px]"), (first, "normal_mean", "normals, mean [°]")]
+    columns += [(first, VISIBLE, "EPE, non-occluded [px]"), (first, "normal_mean", "normals, mean [°]")]
     scored = sets[first]["intervals"]
     rows = [
         [
