@@ -14,18 +14,29 @@ weights.
 
 from __future__ import annotations
 
-import multiprocessing
+import math
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from manifest_summary import Term, figure
-from method_records import COLUMNS, POOLED, RATIOS, check_same_pairs, read_record, record_of_run, scored_methods
+from method_records import (
+    COLUMNS,
+    POOLED,
+    RATIOS,
+    check_same_pairs,
+    of_all_places,
+    read_record,
+    record_of_run,
+    scored_methods,
+)
 from methods_page import markdown
 from training_curves import curves_figure
 
@@ -46,6 +57,7 @@ from marssim.base.results.code_state import versions
 
 SHIFT = 8  # disparity of the pair that is timed [px]
 REPEATS = 5  # timed predictions of a network, of which the median counts
+SAME = 1e-3  # relative difference up to which two scorings of one method without training are the same
 
 
 @dataclass(frozen=True)
@@ -63,15 +75,15 @@ class Options:
     size: int = 512
     """Width of the pairs in --scores [px], one of the manifest's sizes."""
     reference: str | None = None
-    """Method whose errors the others are divided by, as the tables call it. Without it, that of the first of --runs, or
-    else of the first of --records."""
+    """Method whose errors the others are divided by, as the tables call it. Without it, the first of --runs, else the
+    first of --scores, else the first of --records."""
 
     def __post_init__(self) -> None:
         names = [run.name for run in self.runs]
         if len(set(names)) < len(names):
             raise ValueError("runs must have different names")
         if self.scores is None and not self.records:
-            raise ValueError("scores must name a folder where --records names no file")
+            raise ValueError("give --scores, --records or both")
         if self.runs and self.scores is None:
             raise ValueError("runs needs --scores, the --out of docs/scoring/score_manifest.py for these weights")
 
@@ -82,8 +94,8 @@ def read_records(options: Options) -> list[dict[str, Any]]:
     A method without training, such as SGBM, gives the same scores each time, and counts once.
 
     Raises:
-        DatasetError: Something is missing or malformed, two trained methods have one name, or the methods were scored
-            on different pairs.
+        DatasetError: Something is missing or malformed, the scores are not those of the runs' weights, two different
+            methods have one name, or the methods were scored on different pairs.
     """
     records: list[dict[str, Any]] = []
     if options.scores is not None:
@@ -92,19 +104,38 @@ def read_records(options: Options) -> list[dict[str, Any]]:
         for name, run in zip(trained, options.runs):
             if name not in methods:
                 raise DatasetError(f"--runs {run}: {options.scores} has no scores of {name}")
+            if {*of_all_places(methods[name], "weights_sha256")} != {trained[name]["weights_sha256"]}:
+                raise DatasetError(
+                    f"--runs {run}: has other weights than those that {options.scores} has scores of; run "
+                    "score_manifest again"
+                )
         records += [
             {"name": name, "size": options.size, "run": trained.get(name), "sets": methods[name]}
             for name in (*trained, *(label for label in methods if label not in trained))
         ]
     for path in options.records:
         record = read_record(path)
-        same = [other for other in records if other["name"] == record["name"]]
-        if same and (record["run"] or same[0]["run"]):
-            raise DatasetError(f"--records {path}: another method is called {record['name']} too")
-        if not same:
+        same = next((other for other in records if other["name"] == record["name"]), None)
+        if same is None:
             records.append(record)
+            continue
+        check_same_pairs([same, record])
+        if record["run"] or same["run"] or not _same_scores(record, same):
+            raise DatasetError(f"--records {path}: another method is called {record['name']} too")
     check_same_pairs(records)
     return records
+
+
+def _same_scores(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Return whether two records of the same pairs have the same mean Abs Rel in every set."""
+    means = ({name: _mean_abs_rel(of_set) for name, of_set in record["sets"].items()} for record in (one, other))
+    first, second = means
+    return all(math.isclose(first[name], second[name], rel_tol=SAME) for name in first)
+
+
+def _mean_abs_rel(of_set: Mapping[str, Any]) -> float:
+    values = [figures["abs_rel"] for figures in pairs_of(of_set)[0]]
+    return statistics.fmean(value for value in values if value is not None)
 
 
 def pairs_of(of_set: Mapping[str, Any]) -> tuple[list[dict[str, float | None]], list[tuple[str, str]]]:
@@ -131,17 +162,9 @@ def metrics(of_set: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str
     pairs, scenes = pairs_of(of_set)
     others, _ = pairs_of(reference)
     return {
-        name: _metric(Term(title, partial(_of_image, name), ratio=name in RATIOS), pairs, scenes, others)
+        name: figure(Term(title, partial(_of_image, name), ratio=name in RATIOS), pairs, scenes, others)
         for name, title in COLUMNS.items()
     }
-
-
-def _metric(
-    term: Term, records: Sequence[Mapping[str, Any]], scenes: Sequence[Any], others: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Return a metric, whose ratio is to the reference here; arguments as of manifest_summary.figure."""
-    names = {"to_sgbm": "ratio", "to_sgbm_interval": "ratio_interval"}
-    return {names.get(key, key): value for key, value in figure(term, records, scenes, others).items()}
 
 
 def _of_image(name: str, record: Mapping[str, Any]) -> tuple[float, float]:
@@ -180,8 +203,8 @@ def cost(network: Mapping[str, Any]) -> dict[str, Any]:
     Args:
         network: Its sizes, as a record has them.
     """
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_cost, (network,))
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:  # which reports a process that is killed
+        return pool.submit(_cost, network).result()
 
 
 def _cost(sizes: Mapping[str, Any]) -> dict[str, Any]:
@@ -234,9 +257,10 @@ def work(options: Options) -> None:
     records.sort(key=lambda record: (record["run"] is None, record["name"] != reference))
     named = {record["name"]: record for record in records}
     if reference not in named:
-        raise DatasetError(f"--reference {reference}: there are scores of {', '.join(named)} alone")
+        raise DatasetError(f"--reference {reference}: no such method; choose one of {', '.join(named)}")
     for record in records:
-        write_atomically(options.out / "records" / f"{record['name']}.json", (json_text(record) + "\n").encode())
+        file = f"{record['name'].replace('/', '-')}.json"
+        write_atomically(options.out / "records" / file, (json_text(record) + "\n").encode())
     trained = {name: record["run"] for name, record in named.items() if record["run"]}
     content: dict[str, Any] = {
         "reference": reference,
@@ -245,6 +269,7 @@ def work(options: Options) -> None:
             name: {**run["training"], "weights_sha256": run["weights_sha256"], **cost(run["network"])}
             for name, run in trained.items()
         },
+        "commits": {name: [*dict.fromkeys(of_all_places(record["sets"], "commit"))] for name, record in named.items()},
         "sets": compared(records, named[reference]),
     }
     for name, part in content["sets"].items():

@@ -60,12 +60,12 @@ def _outcomes(
     kind: str, low: float, high: float, near: float, far: float, record: Record, both_eyes: bool = False
 ) -> tuple[float, float]:
     """Return how many rocks, or edges, of an interval of heights and of distances are found, and how many there are."""
-    found = [
+    outcomes = [
         o[FOUND]
         for o in record[kind]
         if low <= o[HEIGHT] < high and near <= o[DISTANCE] < far and (o[BOTH_EYES] or not both_eyes)
     ]
-    return float(sum(found)), float(len(found))
+    return float(sum(outcomes)), float(len(outcomes))
 
 
 def _false(record: Record) -> tuple[float, float]:
@@ -197,7 +197,7 @@ def figure(
         rivals: Records of the rival of the same pairs; None for no ratio.
 
     Returns:
-        "value", "interval"; with rivals, and where the term asks for it, "to_sgbm" and "to_sgbm_interval". None where
+        "value", "interval"; with rivals, and where the term asks for it, "ratio" and "ratio_interval". None where
         no pair has the figure, and for intervals of a single scene or where some samples of the scenes lack it.
     """
     numbers = np.array([term.numbers(record) for record in records])  # (pairs, 2)
@@ -205,8 +205,8 @@ def figure(
     compared = rivals is not None and term.ratio
     if compared:
         rival = _quotient(term, rivals)
-        out["to_sgbm"] = out["value"] / rival if out["value"] is not None and rival else None
-        out["to_sgbm_interval"] = None
+        out["ratio"] = out["value"] / rival if out["value"] is not None and rival else None
+        out["ratio_interval"] = None
         numbers = np.hstack([numbers, [term.numbers(record) for record in rivals]])
     if len(set(scenes)) > 1:
         sums = resampled_means(numbers, scenes)
@@ -214,7 +214,7 @@ def figure(
             quotients = sums[:, 0::2] / sums[:, 1::2]  # (draws, 1 or 2)
             out["interval"] = _bounds(quotients[:, 0])
             if compared:
-                out["to_sgbm_interval"] = _bounds(quotients[:, 0] / quotients[:, 1])
+                out["ratio_interval"] = _bounds(quotients[:, 0] / quotients[:, 1])
     return out
 
 
@@ -259,9 +259,9 @@ def _figure_table(terms: Mapping[str, Term], methods: Mapping[str, Any]) -> list
     rows = []
     for name, term in terms.items():
         rows.append([term.title, *(_cell(figures[name], "value", "interval", term) for figures in methods.values())])
-        if term.ratio and any(figures[name].get("to_sgbm") is not None for figures in methods.values()):
+        if term.ratio and any(figures[name].get("ratio") is not None for figures in methods.values()):
             cells = (
-                "" if label == SGBM else _cell(figures[name], "to_sgbm", "to_sgbm_interval")
+                "" if label == SGBM else _cell(figures[name], "ratio", "ratio_interval")
                 for label, figures in methods.items()
             )
             rows.append(["… over SGBM's", *cells])
@@ -293,8 +293,8 @@ def _bin_table(methods: Mapping[str, Any]) -> list[str]:
         height = f"{low:g} m and more" if high is None or np.isinf(high) else f"{low:g} to {high:g} m"
         for kind, what in (("rocks", "rocks"), ("edges", "edges of slabs")):
             if first[kind][1]:
-                found = (f"{m['bins'][index][kind][0]} of {m['bins'][index][kind][1]}" for m in methods.values())
-                rows.append([f"{what}, {height}, {near:g} to {far:g} m away", *found])
+                cells = (f"{m['bins'][index][kind][0]} of {m['bins'][index][kind][1]}" for m in methods.values())
+                rows.append([f"{what}, {height}, {near:g} to {far:g} m away", *cells])
     return table(["found", *methods], rows)
 
 

@@ -7,7 +7,6 @@ machines that are gone by the time the page is written. Records of the same pair
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
+from m3depth.training.log import LOG, read_log
 from marssim.base.files.json_file import DatasetError, read_json
 
-VISIBLE = "visible_epe"  # the figure of the pixels that both eyes see
+VISIBLE = "visible_epe"  # the figure of the pixels that both cameras see
 POOLED = ("mae", "rmse", "abs_rel", "bad1")  # figures of an interval of depth
 DIGITS = 6  # significant digits of the figures of a pair
 COLUMNS = {
@@ -43,11 +43,11 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
     Returns:
         By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
         "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
-        none), "intervals" (errors by true depth), "gets_truth", and "normals_are_fitted" (whether the normals are those
-        of planes that are fitted to the depth).
+        none), "intervals" (errors by true depth), "gets_truth", "normals_are_fitted" (whether the normals are those of
+        planes that are fitted to the depth), "weights_sha256" (None without weights) and "commit" (of the code).
 
     Raises:
-        DatasetError: There are none, or the places do not have the same methods.
+        DatasetError: There are none, the places do not have the same methods, or two have other weights of a method.
     """
     methods: dict[str, dict[str, Any]] = {}
     labels: list[str] = []
@@ -57,11 +57,21 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
         if [*part["methods"]] != labels:
             raise DatasetError(f"--scores {folder}: {name}/{place} has other methods than the rest")
         for label in labels:
-            of_set = methods.setdefault(label, {}).setdefault(name, {"degrade": part["degrade"], "places": {}})
-            of_set["places"][place] = _of_place(part, label)
+            sets = methods.setdefault(label, {})
+            sets.setdefault(name, {"degrade": part["degrade"], "places": {}})["places"][place] = _of_place(part, label)
+            if len(set(of_all_places(sets, "weights_sha256"))) > 1:
+                raise DatasetError(
+                    f"--scores {folder}: {name}/{place} was scored with other weights of {label} than the rest; "
+                    "run score_manifest again"
+                )
     if not methods:
         raise DatasetError(f"--scores {folder}: holds no scores of {size} px of score_manifest")
     return methods
+
+
+def of_all_places(sets: Mapping[str, Any], key: str) -> list[Any]:
+    """Return an entry of every place of every set of a record; None where the record is older than the entry."""
+    return [place.get(key) for of_set in sets.values() for place in of_set["places"].values()]
 
 
 def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
@@ -70,6 +80,8 @@ def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
     result = part["methods"][label]
     return {
         "data": part["data_sha256"],
+        "weights_sha256": part["estimators"][label]["sha256"],
+        "commit": part["versions"]["commit"],
         "pairs": [pair["pair"] for pair in pairs],
         "scenes": [pair["scene"] for pair in pairs],
         "figures": {name: [_rounded(record.get(name)) for record in records] for name in COLUMNS},
@@ -120,15 +132,18 @@ def training(run: Path) -> dict[str, Any]:
     compare runs better than those of the clock.
 
     Raises:
-        DatasetError: It is no folder of a run.
+        DatasetError: It is no folder of a run, or a line of its log is malformed.
     """
-    log = run / "log.jsonl"
+    log = run / LOG
     if not log.is_file():
-        raise DatasetError(f"--runs {run}: has no log.jsonl of m3depth.train")
-    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+        raise DatasetError(f"--runs {run}: has no {LOG} of m3depth.train")
+    lines = [record for _, record in read_log(log)]
     steps = [line for line in lines if line["kind"] == "train"]
     if not steps:
-        raise DatasetError(f"--runs {run}: its log.jsonl has no step")
+        raise DatasetError(f"--runs {run}: its {LOG} has no step")
+    for line in steps:
+        if "processor_minutes" not in line or "minutes" not in line:
+            raise DatasetError(f"{log}: step {line['step']} has no minutes or no processor_minutes")
     processor, before, last = [], 0.0, 0.0
     for line in lines:
         if line["kind"] == "start":
@@ -159,11 +174,11 @@ def read_record(path: Path) -> dict[str, Any]:
     """Return a record that docs/scoring/compare_methods.py wrote.
 
     Raises:
-        DatasetError: It is none.
+        DatasetError: The file is not such a record.
     """
     record: dict[str, Any] = read_json(path)
     if not isinstance(record, dict) or not {"name", "size", "run", "sets"} <= record.keys():
-        raise DatasetError(f"--records {path}: is no record of compare_methods")
+        raise DatasetError(f"--records {path}: is not a record that compare_methods.py wrote")
     return record
 
 
@@ -175,11 +190,13 @@ def check_same_pairs(records: Sequence[Mapping[str, Any]]) -> None:
         if record["size"] != first["size"]:
             raise DatasetError(f"{both} were scored on pairs of {record['size']} and {first['size']} px")
         if record["sets"].keys() != first["sets"].keys():
-            raise DatasetError(f"{both} were scored on other sets: {_names(record['sets'])}; {_names(first['sets'])}")
+            raise DatasetError(
+                f"{both} were scored on different sets: {_names(record['sets'])}; {_names(first['sets'])}"
+            )
         for name, of_set in record["sets"].items():
             other = first["sets"][name]
             if of_set["degrade"] != other["degrade"] or _pairs(of_set) != _pairs(other):
-                raise DatasetError(f"{both} were scored on other pairs of {name}, or on another degradation of them")
+                raise DatasetError(f"{both} were scored on different pairs of {name}, or on pairs degraded differently")
 
 
 def _names(sets: Mapping[str, Any]) -> str:

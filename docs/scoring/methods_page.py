@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -24,7 +25,7 @@ def markdown(content: Mapping[str, Any]) -> str:
             f"Seconds and memory are those of a pair of 512 x 512 px on {content['versions']['cpus']} processors.",
             "",
         ]
-        lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs)]
+        lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs), "", _scored_by(content["commits"])]
     for name, part in content["sets"].items():
         lines += _set_section(name, part, content["reference"])
     return "\n".join([*lines, ""])
@@ -82,6 +83,16 @@ def _starts(runs: Mapping[str, Any]) -> list[str]:
     return table(["method", "seed", "commit", "data", "command", "SHA-256 of the weights"], rows)
 
 
+def _scored_by(commits: Mapping[str, Sequence[str | None]]) -> str:
+    """Return a sentence with the commits of the code that scored the methods, as far as the records have them."""
+    methods: dict[str, list[str]] = {}
+    for method, of_method in commits.items():
+        for commit in of_method:
+            methods.setdefault(commit or "commits that were not recorded", []).append(method)
+    parts = [f"{commit} ({', '.join(names)})" for commit, names in methods.items()]
+    return f"Scored with the code of {'; '.join(parts)}."
+
+
 def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:
     return ", ".join(dict.fromkeys(str(start.get(key, "-"))[:DIGEST] for start in starts)) or "-"
 
@@ -119,7 +130,8 @@ def _titles(part: Mapping[str, Any]) -> dict[str, str]:
 
 def _rank(part: Mapping[str, Any], label: str) -> tuple[bool, float]:
     """Return what the methods of a set are sorted by."""
-    return part["intervals"][label]["gets_truth"], part["metrics"][label]["abs_rel"]["value"]
+    abs_rel = part["metrics"][label]["abs_rel"]["value"]
+    return part["intervals"][label]["gets_truth"], math.inf if abs_rel is None else abs_rel
 
 
 def _cell(metric: Mapping[str, Any], key: str = "value") -> str:

@@ -29,11 +29,14 @@ def records(out: Path, kind: str) -> list[dict[str, Any]]:
     Raises:
         DatasetError: A line holds no record; the message names the file and the line.
     """
-    return [record for _, record in _read(out / LOG) if record.get("kind") == kind]
+    return [record for _, record in read_log(out / LOG) if record.get("kind") == kind]
 
 
-def _read(path: Path) -> list[tuple[bytes, dict[str, Any]]]:
+def read_log(path: Path) -> list[tuple[bytes, dict[str, Any]]]:
     """Return the lines of a log and their records; a last line that is half written is left out.
+
+    Args:
+        path: The file; one that does not exist has no lines.
 
     Raises:
         DatasetError: A line holds no record.
@@ -57,7 +60,9 @@ class Log:
         out.mkdir(parents=True, exist_ok=True)
         self.path = out / LOG
         if self.path.exists():  # steps after the checkpoint will be logged again
-            write_atomically(self.path, b"".join(line for line, record in _read(self.path) if record["step"] <= start))
+            write_atomically(
+                self.path, b"".join(line for line, record in read_log(self.path) if record["step"] <= start)
+            )
         try:
             from torch.utils.tensorboard import SummaryWriter
 

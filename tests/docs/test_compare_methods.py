@@ -2,7 +2,10 @@
 
 import hashlib
 import json
+import os
 import re
+import sys
+from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,15 +27,24 @@ EDGES = range(16)
 ROOT = Path(__file__).parents[2]
 
 
-def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str, given: str = "") -> dict:
+def result(
+    methods: dict[str, tuple[float, float]],
+    pixels: int,
+    scene: str,
+    given: str = "",
+    weights: dict[str, str] | None = None,
+) -> dict:
     """results.json of a place with one pair, whose methods have an error of an image and one in the depth 2 to 3 m.
 
-    The method `given` got the true depth. SGBM gives no normals, so that planes are fitted to its depth.
+    The method `given` got the true depth. SGBM gives no normals, so that planes are fitted to its depth. Methods have
+    the digests `weights`, or none.
     """
     normals = {label: "fitted_normal_" if label == "SGBM" else "normal_" for label in methods}
     return {
         "degrade": None,
         "data_sha256": f"pairs of {pixels} px",
+        "versions": {"commit": "5c02ed5c02ed"},
+        "estimators": {label: {"sha256": (weights or {}).get(label)} for label in methods},
         "per_pair": [
             {"pair": f"{scene}/00", "scene": scene,
              **{label: {**dict.fromkeys(DEPTH_COLUMNS, value), "kinds": {"visible": {"epe": value / 2}},
@@ -54,17 +66,23 @@ def result(methods: dict[str, tuple[float, float]], pixels: int, scene: str, giv
     }  # fmt: skip
 
 
+def digest_of(run: Path) -> str:
+    """SHA-256 of a run's weights."""
+    return hashlib.sha256((run / "weights.safetensors").read_bytes()).hexdigest()
+
+
 @pytest.fixture
 def folders(tmp_path) -> tuple[Path, Path]:
     """The scores of two places and the folder of one run, whose network is the better method."""
+    run = tmp_path / "runs/mine"
+    run.mkdir(parents=True)
+    M3Depth(SMALL).save_pretrained(run / "weights.safetensors")
     for place, ours, theirs, pixels in (("gale", 0.02, 0.08, 100), ("utopia", 0.04, 0.08, 300)):
         folder = tmp_path / "scores/depth/512/clean" / place
         folder.mkdir(parents=True)
         methods = {"SGBM": (theirs, 0.5), "mine": (ours, 0.1 if place == "gale" else 0.3)}
-        (folder / "results.json").write_text(json.dumps(result(methods, pixels, "00000")))
-    run = tmp_path / "runs/mine"
-    run.mkdir(parents=True)
-    M3Depth(SMALL).save_pretrained(run / "weights.safetensors")
+        content = result(methods, pixels, "00000", weights={"mine": digest_of(run)})
+        (folder / "results.json").write_text(json.dumps(content))
     lines = [
         {
             "kind": "start",
@@ -130,9 +148,10 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert clean["intervals"]["mine"]["intervals"][0]["pooled"]["mae"] is None
     page = (out / "methods.md").read_text()
     assert mine["memory_mib"] == 300 and mine["seconds"] == 1.0 and "| 1.00 | 300 | 100 | 21 | 12 |" in page
-    digest = hashlib.sha256((run / "weights.safetensors").read_bytes()).hexdigest()[:12]
+    digest = digest_of(run)[:12]
     command = "`python -m m3depth.train --again`"
     assert f"| mine | 3 | 0123456789ab, ba9876543210 | feedc0defeed | {command} | {digest} |" in page
+    assert "Scored with the code of 5c02ed5c02ed (mine, SGBM)." in page
     assert "| SGBM, planes fitted | 0.0800" in page and "mine, planes" not in page
     assert page.index("| mine | 0.0300 (0.0200 to 0.0400)") < page.index("| SGBM | 0.0800")
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page
@@ -174,7 +193,8 @@ def test_a_method_that_gets_the_true_depth_is_timed_with_it_marked_and_comes_las
     for place in ("gale", "utopia"):
         file = scores / "depth/512/clean" / place / "results.json"
         methods = {"mine": (0.02, 0.1), "fusion": (0.03, 0.1), "given": (0.0, 0.0), "SGBM": (0.08, 0.5)}
-        file.write_text(json.dumps(result(methods, 100, "00000", "given")))
+        digests = {name: digest_of(run.with_name(name)) for name in ("mine", *sizes)}
+        file.write_text(json.dumps(result(methods, 100, "00000", "given", digests)))
     out = tmp_path / "out"
     assert compare_methods.main(flags(scores, out, run, *(run.with_name(name) for name in sizes))) == 0
     content = read_json(out / "methods.json")
@@ -214,6 +234,20 @@ def test_records_of_two_calls_become_the_page_of_one(compare_methods, folders, m
     assert both["mine"] == {**both["other"]} and cv2.imread(str(tmp_path / "both/curves.png")).std() > 5
 
 
+def test_a_half_written_last_line_of_a_log_does_not_count(compare_methods, folders):
+    _, run = folders
+    with (run / "log.jsonl").open("a") as log:
+        log.write('{"kind": "train", "step": 110, "minu')
+    training = sys.modules["method_records"].training(run)
+    assert training["steps"] == 100 and training["processor_minutes"] == 21.0
+
+
+def test_a_killed_process_of_the_measurement_is_an_error(compare_methods, monkeypatch, capsys):
+    monkeypatch.setattr(compare_methods, "_cost", os._exit)
+    with pytest.raises(BrokenExecutor):
+        compare_methods.cost(1)
+
+
 def test_a_method_has_one_colour_in_all_figures(compare_methods, folders, measured, tmp_path, monkeypatch):
     """SGBM is read first here, but has no curve of a training."""
     colours = []
@@ -243,8 +277,12 @@ def test_a_method_has_one_colour_in_all_figures(compare_methods, folders, measur
         ("not scored", "has no scores of other"),
         ("no run", "has no log.jsonl of m3depth.train"),
         ("no step", "its log.jsonl has no step"),
-        ("no reference", "--reference theirs: there are scores of mine, SGBM alone"),
+        ("no reference", "--reference theirs: no such method; choose one of mine, SGBM"),
         ("twice", "--runs must have different names"),
+        ("trained on", "has other weights than those that"),
+        ("two weights", "clean/utopia was scored with other weights of mine than the rest"),
+        ("old log", "step 60 has no minutes or no processor_minutes"),
+        ("damaged log", "log.jsonl, line 4"),
     ],
 )
 def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case, message):
@@ -265,6 +303,17 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
         (run / "weights.json").unlink()
     elif case == "twice":
         runs = [run, tmp_path / "mine"]
+    elif case == "trained on":
+        M3Depth(SMALL).save_pretrained(run / "weights.safetensors")
+    elif case == "two weights":
+        file = scores / "depth/512/clean/utopia/results.json"
+        file.write_text(file.read_text().replace(digest_of(run), "0" * 64))
+    elif case == "old log":
+        log = run / "log.jsonl"
+        log.write_text(log.read_text().replace(', "processor_minutes": 12.0', ""))
+    elif case == "damaged log":
+        log = run / "log.jsonl"
+        log.write_text(log.read_text().replace('{"kind": "train", "step": 60', '{"kind": "train, "step": 60'))
     reference = ["--reference", "theirs"] if case == "no reference" else []
     assert compare_methods.main([*flags(scores, tmp_path / "out", *runs), *reference]) == 2
     error = capsys.readouterr().err
@@ -276,13 +325,14 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
 @pytest.mark.parametrize(
     ("case", "message"),
     [
-        ("nothing", "--scores must name a folder where --records names no file"),
+        ("nothing", "give --scores, --records or both"),
         ("no scores", "--runs needs --scores"),
-        ("no record", "is no record of compare_methods"),
+        ("no record", "is not a record that compare_methods.py wrote"),
         ("taken", "another method is called mine too"),
+        ("taken without training", "another method is called mine too"),
         ("other size", "theirs and mine were scored on pairs of 256 and 512 px"),
-        ("other sets", "theirs and mine were scored on other sets: sun10; clean"),
-        ("other pairs", "theirs and mine were scored on other pairs of clean"),
+        ("other sets", "theirs and mine were scored on different sets: sun10; clean"),
+        ("other pairs", "theirs and mine were scored on different pairs of clean"),
     ],
 )
 def test_records_that_cannot_be_compared_are_one_line(
@@ -300,6 +350,10 @@ def test_records_that_cannot_be_compared_are_one_line(
         record["sets"]["clean"]["places"]["gale"]["data"] = "others"
     elif case == "taken":
         record["name"] = "mine"
+    elif case == "taken without training":
+        record |= {"name": "mine", "run": None}
+        record["sets"]["clean"]["places"]["gale"]["figures"]["abs_rel"] = [0.03]
+        mine.write_text(json.dumps({**read_json(mine), "run": None}))
     elif case == "no record":
         del record["sets"]
     theirs = tmp_path / "theirs.json"

@@ -43,11 +43,11 @@ def test_errors_are_means_over_images_with_their_ratio_to_sgbms(manifest_summary
     pairs = {f"0000{i}/00": (record(x), record(4 * x)) for i, x in enumerate((0.01, 0.02, 0.06))}
     ours = manifest_summary.summary([result("512", pairs)])["parts"]["512"]["clean"]["depth"]["M3Depth"]
     assert ours["abs_rel"]["value"] == pytest.approx(0.03) and ours["epe_visible"]["value"] == pytest.approx(0.3)
-    assert ours["abs_rel"]["to_sgbm"] == pytest.approx(0.25)
-    np.testing.assert_allclose(ours["abs_rel"]["to_sgbm_interval"], 0.25)  # paired: every sample has this ratio
+    assert ours["abs_rel"]["ratio"] == pytest.approx(0.25)
+    np.testing.assert_allclose(ours["abs_rel"]["ratio_interval"], 0.25)  # paired: every sample has this ratio
     low, high = ours["abs_rel"]["interval"]
     assert low == pytest.approx(0.01, abs=0.004) and 0.03 < high <= 0.06
-    assert ours["normal_slab"]["value"] is None and ours["normal_slab"]["to_sgbm"] is None  # none are in view
+    assert ours["normal_slab"]["value"] is None and ours["normal_slab"]["ratio"] is None  # none are in view
     assert ours["normal_rock"]["value"] == 20 and ours["places"]["gale"]["abs_rel"] == pytest.approx(0.03)
 
 

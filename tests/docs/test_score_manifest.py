@@ -85,7 +85,7 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
     assert depth["degrade"] == "contrast=.33" and depth["max_disparity_px"] == 24
     mean = depth["methods"]["mine"]["depth"]["all"]["per_image"]["abs_rel"]
     own, sgbm = (part["depth"][method] for method in ("mine", "SGBM"))
-    assert own["abs_rel"]["value"] == pytest.approx(mean) and sgbm["abs_rel"]["to_sgbm"] == 1
+    assert own["abs_rel"]["value"] == pytest.approx(mean) and sgbm["abs_rel"]["ratio"] == 1
     assert own["places"]["utopia"]["abs_rel"] == pytest.approx(mean)
     assert list(part["map"]) == ["mine", "SGBM", "ground_truth"]
     assert "## 64 px, degraded" in (out / "summary.md").read_text()
