@@ -3,8 +3,8 @@
     python -m envs.compare --check their/results.json
     python -m envs.compare out/mine out/theirs --out out/comparison
 
-All methods of all files stand in one table, compared on the episodes that all of them have driven. The first method of
-the first file is what the others are compared to. A second table has the correlation of success and SPL with the errors
+One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
+to the first method of the first file. A second table has the correlation of success and SPL with the errors
 of the depth on the way: which metric of the depth predicts drives.
 """
 
@@ -58,6 +58,9 @@ class CompareConfig:
             if file in read:
                 raise ValueError(f"{path} is given twice{f', also as {read[file]}' if read[file] != path else ''}")
             read[file] = path
+        if self.check and (self.out is not None or self.track != "both"):
+            given = "--track" if self.out is None else "--out"
+            raise ValueError(f"{given} is for a comparison; with --check, the files are only checked")
 
 
 def compare(config: CompareConfig) -> dict[str, Any]:

@@ -75,7 +75,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         check_installed(config.out / "bags")
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
     if not config.tasks:
-        raise ValueError(f"--shard {config.shard} is empty: there are fewer courses under all conditions than parts")
+        courses = len(replace(config, shard=None).tasks) // (len(config.driver) * len(config.perception))
+        raise ValueError(f"--shard {config.shard} has no episode: use {courses} parts or fewer, one for each course")
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS, RUNTIME), partial=(f"**/{PARTIAL}",)
     )

@@ -5,7 +5,7 @@
     python -m envs.join out/first out/second --out out/all
 
 The results are those of one evaluation without --shard. Nothing is driven and no network is loaded. Every shard must be
-finished: the command that drove it goes on with one that was stopped.
+finished. Run the command of a stopped shard again to finish it.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
 RESULTS = "results.json"  # in the folder of an evaluation
 EPISODES = "episodes"  # folder of the records in it
+TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
 TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
 NO_SETTINGS = "config does not hold the settings of an evaluation"
 NOTES = (WEIGHTS, RUNTIME)
@@ -63,9 +64,9 @@ def join(config: JoinConfig) -> dict[str, Any]:
     All is checked before anything is written.
 
     Raises:
-        DatasetError: A folder is no evaluation or not finished, the settings, weights or runtimes of two differ, one
-            episode has two different records, episodes are missing, or --out is a shard or holds other records. One
-            line that names them.
+        DatasetError: A folder is no evaluation or not finished, the settings, weights, runtimes or errors on a test set
+            of two differ, one episode has two different records, episodes are missing, or --out is a shard or holds
+            other records. One line that names them.
         FolderInUse: Another command writes to --out.
     """
     if config.out.resolve() in (folder.resolve() for folder in config.shards):
@@ -78,6 +79,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
             if other_settings := differences(_shared(one, apart), _shared(other, apart)):
                 raise DatasetError(f"{folder}: has other settings than {first} ({other_settings[0]})")
     weights = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards)
+    test_errors = _test_errors(contents, config.shards)
     runtime = _runtime([mark.get(RUNTIME) for mark in marks], config.shards)
     try:
         joined = _evaluation(contents, config.out)
@@ -99,7 +101,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
                 if f"{drive.stem}.json" in records:
                     write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
         results.note(**{WEIGHTS: weights, RUNTIME: runtime})
-        return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, {})[0]
+        return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, test_errors)[0]
 
 
 def _records(joined: EvaluateConfig, shards: Sequence[Path]) -> dict[str, Path]:
@@ -156,7 +158,7 @@ def _runtime(runtimes: Sequence[Any], folders: Sequence[Path]) -> str | None:
 def _results(file: Path) -> dict[str, Any]:
     """Read the results.json of a shard. Raises DatasetError if it has no settings of an evaluation."""
     if (file.parent / SETTINGS).is_file() and not file.is_file():
-        raise DatasetError(f"{file}: no such file, as the shard is not finished; the command that drove it goes on")
+        raise DatasetError(f"{file}: no such file: the shard is not finished. Run the command that drove it again")
     content = read_json(file)
     settings = content.get("config")
     if not isinstance(settings, dict) or not isinstance(settings.get("eyes"), dict):
@@ -185,6 +187,19 @@ def _merged(parts: Sequence[Mapping[str, str]], folders: Sequence[Path]) -> dict
             if out.setdefault(name, digest) != digest:
                 raise DatasetError(f"{folder}: {name} has other weights or code than in another shard")
     return out
+
+
+def _test_errors(contents: Sequence[Mapping[str, Any]], folders: Sequence[Path]) -> dict[str, float]:
+    """Return the Abs Rel of perceptions on their test set, from --scores. Raises DatasetError where one has two."""
+    errors: dict[str, float] = {}
+    for content, folder in zip(contents, folders, strict=True):
+        of_shard = content.get(TEST_ERRORS, {})
+        if not isinstance(of_shard, dict) or not all(isinstance(x, int | float) for x in of_shard.values()):
+            raise DatasetError(f"{folder / RESULTS}: {TEST_ERRORS} must hold numbers by name, got {of_shard!r:.60}")
+        for name, error in of_shard.items():
+            if errors.setdefault(name, error) != error:
+                raise DatasetError(f"{folder}: {name} has another {TEST_ERRORS} than in another shard")
+    return errors
 
 
 def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path) -> EvaluateConfig:

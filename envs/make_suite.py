@@ -1,4 +1,4 @@
-"""Make a suite of episodes: draw its courses, and note what is to be recognised of each.
+"""Make a suite of episodes: draw its courses, and record what identifies each.
 
     python -m envs.make_suite --name mine-v1 --courses 20 --out mine-v1.json
     python -m envs.make_suite --held-out marsnav-v1 --passphrase-file secret.txt
@@ -27,6 +27,8 @@ from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_schema import first_fault
 
+NAME = "marsnav-v1"  # of a new suite, where no other is given
+
 
 @dataclass(frozen=True)
 class MakeSuiteConfig:
@@ -34,12 +36,12 @@ class MakeSuiteConfig:
 
     out: Path | None = None
     """JSON file of the suite. A file that exists is not replaced."""
-    name: str = "marsnav-v1"
-    """Name of the new suite, with its version: letters, digits, _, . and -."""
+    name: str | None = None
+    """Name of the new suite, with its version: letters, digits, _, . and -. Without it, marsnav-v1."""
     courses: int = 20
     """Number of courses in each split and condition, 1 or more."""
-    condition: tuple[str, ...] = tuple(CONDITIONS)
-    """Conditions of the new suite."""
+    condition: tuple[str, ...] = ()
+    """Conditions of the new suite; without any, all that the package has."""
     held_out: str | None = None
     """Suite, by name or file, whose conditions a held-out split takes over. Needs --passphrase-file."""
     passphrase_file: Path | None = None
@@ -50,7 +52,7 @@ class MakeSuiteConfig:
 
     def __post_init__(self) -> None:
         check_least(self, courses=1)
-        if fault := first_fault(self.name, suite_schema()["properties"]["suite"], "--name"):
+        if fault := self.name and first_fault(self.name, suite_schema()["properties"]["suite"], "--name"):
             raise ValueError(fault)
         for name in self.condition:
             condition_values(name)  # raises ValueError for an unknown name
@@ -58,8 +60,13 @@ class MakeSuiteConfig:
             raise ValueError("--held-out and --passphrase-file need each other")
         if self.published is not None and self.held_out is None:
             raise ValueError("--published needs --held-out")
+        if self.held_out is not None and (self.name is not None or self.condition):
+            given = "--condition" if self.name is None else "--name"
+            raise ValueError(f"{given} is for a new suite: that of --held-out has its own name and conditions")
         if self.out is None and (self.held_out is None or self.published is not None):
             raise ValueError("--out must name the file of the suite")
+        if self.out is not None and self.held_out is not None and self.published is None:
+            raise ValueError("--out needs --published: without it, the command prints the digest, and writes no file")
 
 
 def write_suite(config: MakeSuiteConfig) -> Path:
@@ -78,8 +85,10 @@ def write_suite(config: MakeSuiteConfig) -> Path:
     splits: dict[str, dict[str, int]]
     drive: dict[str, Any] = {}
     if config.held_out is None:
-        name, splits = config.name, {split: {"seed": seed, "courses": config.courses} for split, seed in SEEDS.items()}
-        conditions = {key: values for key, values in suite_conditions().items() if key in config.condition}
+        name = config.name or NAME
+        splits = {split: {"seed": seed, "courses": config.courses} for split, seed in SEEDS.items()}
+        chosen = config.condition or CONDITIONS
+        conditions = {key: values for key, values in suite_conditions().items() if key in chosen}
     else:
         suite = load_suite(config.held_out)
         seed = held_out_seed(suite, config.courses, _passphrase(config), config.published or "")
@@ -94,7 +103,7 @@ def write_suite(config: MakeSuiteConfig) -> Path:
 
 def _passphrase(config: MakeSuiteConfig) -> str:
     assert config.passphrase_file is not None
-    return config.passphrase_file.read_text().strip()
+    return config.passphrase_file.read_text(encoding="utf-8").strip()
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -138,7 +138,7 @@ def training(run: Path) -> dict[str, Any]:
     if not log.is_file():
         raise DatasetError(f"--runs {run}: has no {LOG} of m3depth.train")
     lines = [record for _, record in read_log(log)]
-    steps = [line for line in lines if line["kind"] == "train"]
+    steps = [line for line in lines if line["kind"] in ("train", "stop")]
     if not steps:
         raise DatasetError(f"--runs {run}: its {LOG} has no step")
     for line in steps:
@@ -148,7 +148,7 @@ def training(run: Path) -> dict[str, Any]:
     for line in lines:
         if line["kind"] == "start":
             before, last = before + last, 0.0
-        elif line["kind"] == "train":
+        elif line["kind"] in ("train", "stop"):
             last = line["processor_minutes"]
             processor.append(before + last)
     at = [line["step"] for line in steps]

@@ -23,6 +23,7 @@ from manifest_summary import markdown, summary
 
 from envs.rocks import main as count_rocks
 from m3depth.evaluate import main as evaluate
+from m3depth.evaluation.resume import UNFINISHED
 from m3depth.kinds.networks import load_network
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, weights_file
 from marssim.base.command.limits import check_least
@@ -35,7 +36,8 @@ from marssim.generate import main as generate
 
 MANIFEST = SHIPPED_WEIGHTS.with_name("manifest.json")
 CODE = {"depth": ("marssim", "m3depth"), "map": ("marssim", "m3depth", "nav", "envs")}  # packages that give the scores
-DONE = "scored.json"  # in a folder of scores: what they depend on, written when they are complete
+BEGUN = "state.json"  # in a folder of scores: what they depend on
+DONE = "scored.json"  # the same, written when they are complete
 
 
 @dataclass(frozen=True)
@@ -152,16 +154,23 @@ def make(part: Part, options: Options) -> StereoDataset:
     return StereoDataset(folder)
 
 
-def score(part: Part, dataset: StereoDataset, options: Options) -> None:
+def weights_by_kind(options: Options) -> dict[str, list[Path]]:
+    """Return the weights files that give each kind of scores, a key of CODE."""
+    files = [weights_file(path) for path in options.weights]
+    for path in files:
+        check_weights_file(path)
+    return {"depth": files, "map": [path for path in files if not load_network(path).takes_truth]}
+
+
+def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping[str, Sequence[Path]]) -> None:
     """Score the weights and SGBM on a part, in the depth and in the navigator's map, unless that is done already.
 
     Args:
         part: The part.
         dataset: Its pairs.
         options: The command's flags.
+        weights: As of weights_by_kind.
     """
-    weights = {"depth": [weights_file(path) for path in options.weights]}
-    weights["map"] = [path for path in weights["depth"] if not load_network(path).takes_truth]
     data = str(dataset.path)
     common = ["--split", "all", *(["--limit", str(options.limit)] if options.limit else [])]
     common += ["--degrade", part.degrade] if part.degrade else []
@@ -187,6 +196,10 @@ def score(part: Part, dataset: StereoDataset, options: Options) -> None:
         if done.is_file() and read_json(done) == state:
             continue
         done.unlink(missing_ok=True)
+        begun = out / BEGUN
+        if not (begun.is_file() and read_json(begun) == state):  # by other code, say, which evaluate refuses
+            (out / UNFINISHED).unlink(missing_ok=True)
+            write_json(begun, state)
         print(f"score_manifest: {kind} of {part.size}/{part.name}/{part.place}", file=sys.stderr)
         _run(command, ["--data", data, "--out", str(out), *common, *flags])
         write_json(done, state)
@@ -213,10 +226,9 @@ def work(options: Options) -> None:
         parts = parts_of(read_json(options.manifest), options.sizes, options.sets)
     except (KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"--manifest {options.manifest}: an entry is missing or malformed: {error}") from None
-    for path in options.weights:
-        check_weights_file(weights_file(path))
+    weights = weights_by_kind(options)
     for part in parts:
-        score(part, make(part, options), options)
+        score(part, make(part, options), options, weights)
     results = [
         {
             "size": part.size, "set": part.name, "place": part.place,

@@ -101,7 +101,7 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
             raise DatasetError(f"{where}: is none of the episodes that the file says were driven")
         of_method = driven.setdefault((episode["driver"], episode["perception"]), {})
         if at in of_method:
-            raise DatasetError(f"{where}: is there twice")
+            raise DatasetError(f"{where}: appears twice")
         of_method[at] = episode
     if not driven:
         raise DatasetError(f"{path}: holds no episode")

@@ -1,4 +1,4 @@
-"""Builds a suite: draws its courses and notes what is to be recognised of each."""
+"""Draws the courses of a suite, and records what identifies each."""
 
 from __future__ import annotations
 

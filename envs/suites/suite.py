@@ -170,7 +170,7 @@ def _read(path: Path, stamp: int) -> Suite:
     for each in content["episodes"]:
         key = each["split"], each["condition"], each["course"]
         if key in episodes:
-            raise DatasetError(f"suite {path}: course {key[2]} of {key[0]}, {key[1]}, is there twice")
+            raise DatasetError(f"suite {path}: course {key[2]} of {key[0]}, {key[1]}, appears twice")
         episodes[key] = each
     for split, values in content["splits"].items():
         for condition in content["conditions"]:

@@ -38,6 +38,7 @@ SETTINGS = "ablation.json"  # the settings that make runs comparable, in the abl
 SCORE = "score.json"  # the figures of a run, in its folder
 FAILED = "failed.json"  # why a run failed: its loss was not finite
 WEIGHTS = "weights.safetensors"
+NETWORK = "network.json"  # the sizes of a run's network
 CODE = "code.json"  # the states of the code by which a run was trained and scored
 
 
@@ -76,7 +77,7 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
             config = TrainConfig(
                 data=options.data,
                 out=folder,
-                network=folder / "network.json",
+                network=folder / NETWORK,
                 loss=variant.resolved(options.preset)[1],
                 max_steps=options.steps,
                 max_minutes=options.minutes,
@@ -118,6 +119,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     if len(test) < 2:
         raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
     with _folder(options, [*training, test]).claim():
+        _check_earlier(runs, options)
         scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")
         print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
         for number, run in enumerate(runs, start=1):
@@ -169,6 +171,21 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
     )
 
 
+def _network(run: PlannedRun, options: AblateOptions) -> dict[str, Any]:
+    """Return the sizes of a run's network, as network.json has them."""
+    return as_json(asdict(run.variant.resolved(options.preset)[0]))
+
+
+def _check_earlier(runs: Sequence[PlannedRun], options: AblateOptions) -> None:
+    """Raise ValueError if a run that was begun before has another network, or was scored with another loss."""
+    for run in runs:
+        network, score = run.folder / NETWORK, run.folder / SCORE
+        if network.is_file() and (other := differences(read_json(network), _network(run, options))):
+            raise ValueError(f"{network}: the run is of another network ({'; '.join(other)}); choose another --out")
+        if score.is_file() and (other := differences(read_json(score)["loss"], as_json(asdict(run.config.loss)))):
+            raise ValueError(f"{score}: the run is of another loss ({'; '.join(other)}); choose another --out")
+
+
 def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     """Train to the end of the budget, unless that is done, has failed, or is scored already.
 
@@ -179,11 +196,7 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     if failed.is_file():
         print(f"{read_json(failed)['error']} (delete {failed} to try it again)", file=sys.stderr, flush=True)
         return
-    network, file = as_json(asdict(run.variant.resolved(options.preset)[0])), run.folder / "network.json"
-    if file.is_file() and (before := read_json(file)) != network:
-        other = "; ".join(differences(before, network))
-        raise ValueError(f"{file}: the run is of another network ({other}); choose another --out")
-    write_json(file, network, sort_keys=False)
+    write_json(run.folder / NETWORK, _network(run, options), sort_keys=False)
     if (run.folder / SCORE).is_file() or spent_budget(run.config, *saved_progress(run.folder)):
         return
     _note_code(run.folder)
@@ -197,8 +210,10 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
 
 def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     """Score a finished run on the test pairs, and return whether anything was to be scored."""
+    if (run.folder / SCORE).is_file():
+        return False
     steps, seconds = saved_progress(run.folder)
-    if (run.folder / SCORE).is_file() or not spent_budget(run.config, steps, seconds):
+    if not spent_budget(run.config, steps, seconds):
         return False
     model = M3Depth.from_pretrained(run.folder / WEIGHTS)
     device = chosen_device(options.device)

@@ -62,6 +62,31 @@ class Maps(Protocol):
     def sky(self) -> Tensor | None: ...
 
 
+class PlainMaps(NamedTuple):
+    """Maps without anything else; attributes as of Maps."""
+
+    disparity: Tensor
+    normal: Tensor | None
+    confidence: Tensor | None
+    sky: Tensor | None
+
+
+def maps_at_size(maps: Maps, height: int, width: int) -> PlainMaps:
+    """Return the maps of a reduced pair at the pair's own size, bilinearly interpolated.
+
+    Args:
+        maps: Those of the reduced pair.
+        height, width: Size of the pair, whose pixels the disparities then count [px].
+    """
+    normal, confidence, sky = (
+        None if x is None else F.interpolate(x.float(), (height, width), mode="bilinear")
+        for x in (maps.normal, maps.confidence, maps.sky)
+    )
+    factor = width / maps.disparity.shape[-1]
+    disparity = F.interpolate(maps.disparity.float(), (height, width), mode="bilinear") * factor
+    return PlainMaps(disparity, None if normal is None else unit(normal), confidence, sky)
+
+
 class StereoOutput(NamedTuple):
     """What forward returns, all float32. Disparities are pixels of the full-size image, normals have unit length.
 

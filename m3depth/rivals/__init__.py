@@ -1,8 +1,8 @@
-"""The methods that the paper compares M3Depth with, and a modern cheap one, built and trained here. One method a file.
+"""The methods that the paper compares M3Depth with, and a modern cheap one, built and trained here.
 
     raft_stereo.py         RAFT-Stereo
     selective_stereo.py    Selective-Stereo, on RAFT-Stereo
-    hit_net.py             HITNet
+    hit_net.py             HITNet, with its losses in hit_net_loss.py
     cre_stereo.py          CREStereo
     uni_mvs_net.py         UniMVSNet
     light_stereo.py        LightStereo, the modern one

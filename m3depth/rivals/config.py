@@ -136,10 +136,6 @@ class LightStereoConfig(RivalConfig):
     half: int = 16
     """Channels of it at 1/2."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_multiple("shifts", 8)
-
 
 @dataclass(frozen=True)
 class UniMvsNetConfig(RivalConfig):
@@ -247,7 +243,9 @@ PRESETS: dict[str, RivalConfig] = {
         widths=(64, 128, 256, 512, 512), wide=1024, residual=(64, 128, 256, 512), ensemble=128, neighbours=9
     ),
 }
-"""The presets of m3depth.train, by name. The published widths are those of the papers' largest or final models."""
+"""The presets of m3depth.train, by name. The published widths are those of a released model of each method, which its
+file names.
+"""
 
 CONFIGS: dict[str, type[RivalConfig]] = {config.KIND: type(config) for config in PRESETS.values()}
 """The classes of the configs, by the kind of network that a weights file names."""

@@ -1,4 +1,4 @@
-"""HITNet: slanted tiles of 4 x 4 pixels, guessed at five resolutions and corrected by what they imply.
+"""HITNet: slanted tiles of 4 x 4 pixels, initialised at five resolutions and corrected by warping the features.
 
 Tankovich, Haene, Zhang, Kowdle, Fanello and Bouaziz: "HITNet: Hierarchical Iterative Tile Refinement Network for
 Real-time Stereo Matching", CVPR 2021, arXiv:2007.12140; the published width is that of its multi-scale model.
@@ -29,7 +29,7 @@ from torch import Tensor, nn
 from m3depth.rivals.config import HitNetConfig
 from m3depth.rivals.hit_net_loss import TILE, Choice, Guess, HitNetOutput, Scored, spread
 from m3depth.rivals.layers import in_float32, start_as_he
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.rival import StereoRival
 from m3depth.stereo.pairs import MAX_DISPARITY
 
 PLANE = 16  # channels of a hypothesis: disparity, its slopes across and down, and a descriptor
@@ -218,7 +218,7 @@ class Refine(nn.Module):
         return planes + in_float32(self.body, torch.cat([left.float(), planes], 1))
 
 
-class HitNet(Rival):
+class HitNet(StereoRival):
     """HITNet."""
 
     config: HitNetConfig

@@ -15,11 +15,11 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from m3depth.network.geometry import sobel
-from m3depth.rivals.output import Truth, mean_over
+from m3depth.rivals.output import DisparityOutput, Truth, mean_over
 
 TILE = 4  # side of a tile [px of its resolution]
 ALPHA, KNEE = 0.9, 0.1  # of the robust distance (Barron, CVPR 2019): shape, and scale [px]
-FAR = 1.0  # [px] error from which a coarse disparity counts no more, and its slant is not trained
+FAR = 1.0  # [px] error from which the loss of a coarse disparity is constant, and its slant is not trained
 SMOOTH = 1.0  # [px] difference of the true disparity to a neighbour's from which there is an edge
 SURE, UNSURE = 1.0, 1.5  # [px] errors below and above which a confidence should be 1 or more, and 0 or less
 MARGIN = 1.0  # by which the cost of a wrong disparity should exceed 0
@@ -57,16 +57,13 @@ class Choice(NamedTuple):
 
 
 @dataclass(frozen=True)
-class HitNetOutput:
+class HitNetOutput(DisparityOutput):
     """The disparity, (B, 1, H, W) [px], and what is trained beside it, on the grids of the padded images."""
 
     disparity: Tensor
     scored: list[Scored]
     guesses: list[Guess]
     choices: list[Choice]
-    normal: Tensor | None = None
-    confidence: Tensor | None = None
-    sky: Tensor | None = None
 
     def cropped(self, height: int, width: int) -> HitNetOutput:
         """Cut the disparity to an image of height x width [px]; the truth is padded for the other maps."""

@@ -1,4 +1,5 @@
-"""LightStereo: matching scores at 1/4, aggregated by cheap 2-D convolutions. A modern method for weak computers.
+"""LightStereo: matching scores at 1/4, aggregated by cheap 2-D convolutions. A modern method for computers without
+a GPU.
 
 Guo, Zhang, Zhang, Zheng, Nie, Poggi and Chen: "LightStereo: Channel Boost Is All You Need for Efficient 2D Cost
 Aggregation", ICRA 2025, arXiv:2406.19833; the published width is LightStereo-S.
@@ -23,7 +24,7 @@ from m3depth.network.backbone import group_norm
 from m3depth.network.cost_volume import group_correlation_volume, soft_argmin
 from m3depth.rivals.config import LightStereoConfig
 from m3depth.rivals.output import SequenceOutput
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.rival import StereoRival
 
 CELL = 4  # side of a cell of the volume [px]
 STRIPS = (7, 11, 21)  # lengths of the attention's kernels
@@ -201,7 +202,7 @@ class Hourglass(nn.Module):
         return x
 
 
-class LightStereo(Rival):
+class LightStereo(StereoRival):
     """LightStereo."""
 
     config: LightStereoConfig

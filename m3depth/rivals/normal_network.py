@@ -162,8 +162,8 @@ def depth_file(config: NormalConfig) -> Path:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest != config.depth_sha256:
         raise ValueError(
-            f"{path}: is another file than the one from which {config.KIND} got its depth in training (SHA-256 "
-            f"{digest[:12]}..., not {config.depth_sha256[:12]}...)"
+            f"{path}: is not the file from which {config.KIND} got its depth in training (SHA-256 {digest[:12]}..., "
+            f"not {config.depth_sha256[:12]}...)"
         )
     return path
 
@@ -220,9 +220,7 @@ class NormalNetwork(Rival):
         confidence = sky = None
         if self.takes_truth:
             if true_disparity is None:
-                raise ValueError(
-                    f"{self.config.KIND} is trained with the true depth here, which m3depth.evaluate alone can give it"
-                )
+                raise ValueError(f"{self.config.KIND} needs the true depth, which only m3depth.evaluate provides")
             disparity = true_disparity.float()
             valid = disparity >= MIN_DISPARITY
         else:

@@ -36,12 +36,24 @@ class TrainedOutput(Protocol):
         ...
 
     def terms(self, truth: Truth) -> dict[str, Tensor]:
-        """Return the terms of the loss, weighted as published, by name; their sum is minimised."""
+        """Return the weighted terms of the loss by name; their sum is minimised.
+
+        The file of the method says where they differ from the published ones.
+        """
         ...
 
 
+@dataclass(frozen=True, kw_only=True)
+class DisparityOutput:
+    """What a method for disparity returns beside it: no normals, no confidence and no map of the sky."""
+
+    normal: Tensor | None = None
+    confidence: Tensor | None = None
+    sky: Tensor | None = None
+
+
 @dataclass(frozen=True)
-class SequenceOutput:
+class SequenceOutput(DisparityOutput):
     """Disparity maps at full size that are all trained, the last one being the result.
 
     Attributes:
@@ -53,9 +65,6 @@ class SequenceOutput:
     maps: Sequence[Tensor]
     shares: Sequence[float]
     knee: float = 0.0
-    normal: Tensor | None = None
-    confidence: Tensor | None = None
-    sky: Tensor | None = None
 
     @property
     def disparity(self) -> Tensor:

@@ -16,7 +16,7 @@ from m3depth.stereo.pairs import MAX_DISPARITY
 
 
 class Rival(StereoNetwork):
-    """A method beside M3Depth. A subclass defines `estimate`.
+    """A method beside M3Depth, for disparity or for normals.
 
     Images are padded to a multiple of MULTIPLE. Group normalisation stands where a paper has batch normalisation, as in
     M3Depth: with the few crops that a CPU takes, batch statistics degrade the result. Pairs whose disparities are
@@ -35,6 +35,10 @@ class Rival(StereoNetwork):
     def call(self) -> Caller:
         """How parts are called that activation checkpointing computes twice."""
         return recomputed if self.recompute and torch.is_grad_enabled() else direct
+
+
+class StereoRival(Rival):
+    """A method for disparity. A subclass defines `estimate`."""
 
     def forward(self, left: Tensor, right: Tensor, camera: Tensor) -> TrainedOutput:
         """Run the network on a batch.
@@ -59,7 +63,7 @@ class Rival(StereoNetwork):
         raise NotImplementedError
 
 
-class SteppedRival(Rival):
+class SteppedRival(StereoRival):
     """A method that refines one disparity map step by step, and whose output is the sequence of these maps."""
 
     @property

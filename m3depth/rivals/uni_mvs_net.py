@@ -27,8 +27,8 @@ from torch import Tensor, nn
 from m3depth.network.backbone import conv_block, group_norm
 from m3depth.rivals.config import UniMvsNetConfig
 from m3depth.rivals.layers import sampled
-from m3depth.rivals.output import Truth
-from m3depth.rivals.rival import Rival
+from m3depth.rivals.output import DisparityOutput, Truth
+from m3depth.rivals.rival import StereoRival
 from m3depth.stereo.pairs import MAX_DISPARITY
 
 STAGES = 3
@@ -65,14 +65,11 @@ class Sweep(NamedTuple):
 
 
 @dataclass(frozen=True)
-class UnifiedOutput:
+class UnifiedOutput(DisparityOutput):
     """The disparity, (B, 1, H, W) [px], and the sweeps that are trained, from coarse to fine."""
 
     disparity: Tensor
     sweeps: tuple[Sweep, ...]
-    normal: Tensor | None = None
-    confidence: Tensor | None = None
-    sky: Tensor | None = None
 
     def cropped(self, height: int, width: int) -> UnifiedOutput:
         """Cut the maps to an image of height x width [px]."""
@@ -234,7 +231,7 @@ def doubled(maps: Tensor) -> Tensor:
     return larger[..., :-1, :-1]
 
 
-class UniMvsNet(Rival):
+class UniMvsNet(StereoRival):
     """UniMVSNet."""
 
     config: UniMvsNetConfig

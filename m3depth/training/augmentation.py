@@ -75,16 +75,17 @@ def crop(sample: PackedSample, y: int, x: int, height: int, width: int) -> Packe
     return PackedSample(left, right, disparity, normal, flags, camera, sample.baseline, sample.reduction)
 
 
-def check_crop(sample: PackedSample, size: tuple[int, int]) -> None:
+def check_crop(sample: PackedSample, size: tuple[int, int], name: str) -> None:
     """Raise ValueError if the images are smaller than the crops.
 
     Args:
         sample: The pair.
         size: Height and width of the crops [px].
+        name: Name of the pair, for the message.
     """
     height, width = sample.left.shape[:2]
     if size[0] > height or size[1] > width:
-        raise ValueError(f"--crop {size[0]} {size[1]} is larger than the images, {height} x {width}")
+        raise ValueError(f"--crop {size[0]} {size[1]} is larger than the images, {height} x {width} px in {name}")
 
 
 def random_crop(
@@ -96,15 +97,11 @@ def random_crop(
     than such a crop, it is reduced less or not at all, and larger disparities are not trained.
 
     Args:
-        sample: The pair.
+        sample: The pair, whose images are at least as large as the crop (check_crop).
         size: Height and width of the crop for the cost volume [px].
         config: Chances and sizes of the changes.
         rng: Draws the crop.
-
-    Raises:
-        ValueError: The images are smaller than the crop.
     """
-    check_crop(sample, size)
     height, width = sample.left.shape[:2]
     reduction = sample.reduction
     while reduction > 1 and (reduction * size[0] > height or reduction * size[1] > width):

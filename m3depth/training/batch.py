@@ -161,8 +161,8 @@ class Batch(NamedTuple):
         """Return the batch on another device."""
 
         def moved(left: Tensor, right: Tensor, target: Target) -> tuple[Tensor, Tensor, Target]:
-            there = [x.to(device, non_blocking=True) for x in (left, right, *target)]
-            return there[0], there[1], Target(*there[2:])
+            tensors = [x.to(device, non_blocking=True) for x in (left, right, *target)]
+            return tensors[0], tensors[1], Target(*tensors[2:])
 
         finer = tuple(FinerBand(*band[:3], *moved(*band[3:])) for band in self.finer)
         return Batch(*moved(self.left, self.right, self.target), finer)
@@ -173,8 +173,8 @@ class Batch(NamedTuple):
         each = len(pieces[0][0])
         out = []
         for n, (left, right, *rest) in enumerate(zip(*pieces)):
-            own = (b._replace(crop=b.crop - n * each) for b in self.finer if n * each <= b.crop < (n + 1) * each)
-            out.append(Batch(left, right, Target(*rest), tuple(own)))
+            bands = (b._replace(crop=b.crop - n * each) for b in self.finer if n * each <= b.crop < (n + 1) * each)
+            out.append(Batch(left, right, Target(*rest), tuple(bands)))
         return out
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -113,7 +113,7 @@ class TrainConfig:
     checkpoint_minutes: float = 5.0
     """Time between checkpoints [min], above 0."""
     validate_every: int = 500
-    """Steps between validations, each with an image panel; 0 validates at the end alone."""
+    """Steps between validations, each with an image panel; with 0, the run is validated only at its end."""
     validate_samples: int = 16
     """Number of pairs of the val split that a validation scores; 0 turns validation off."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -122,7 +122,7 @@ class TrainConfig:
 
 PAPER_LOSS = LossConfig(depth=True, rock=1.0, edge=1.0, one_eye=1.0, rover=1.0, sky_disparity=0.0)
 """The paper's loss (Sec. V-A). The two decisions that its network does not have, of the sky and of the confidence, are
-trained as ever, since evaluation needs them.
+trained as without --recipe paper, since evaluation needs them.
 """
 NO_CHANGES = AugmentConfig(
     contrast=1.0, brightness=0.0, gamma=0.0, eye_gain=0.0, noise=0.0, blur=0.0, grey=0.0, vertical=0.0, occlude=0.0,
@@ -141,9 +141,13 @@ def recipe_defaults(args: Sequence[str]) -> TrainConfig | None:
     Args:
         args: The command line.
     """
-    chosen = [word.removeprefix("--recipe=") for word in args if word.startswith("--recipe=")]
-    chosen += [after for word, after in pairwise(args) if word == "--recipe"]
-    return PAPER if chosen[-1:] == ["paper"] else None
+    chosen = None
+    for word, after in zip_longest(args, args[1:]):
+        if word == "--recipe":
+            chosen = after
+        elif word.startswith("--recipe="):
+            chosen = word.removeprefix("--recipe=")
+    return PAPER if chosen == "paper" else None
 
 
 def in_steps(config: TrainConfig, samples: int, world: int) -> TrainConfig:

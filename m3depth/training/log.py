@@ -24,7 +24,7 @@ def records(out: Path, kind: str) -> list[dict[str, Any]]:
 
     Args:
         out: Folder of the run.
-        kind: "start", or "train", "val" or "val_raw" as Log.write takes it.
+        kind: "start" or "stop", or "train", "val" or "val_raw" as Log.write takes it.
 
     Raises:
         DatasetError: A line holds no record; the message names the file and the line.
@@ -51,6 +51,11 @@ def read_log(path: Path) -> list[tuple[bytes, dict[str, Any]]]:
         if type(record.get("step")) is not int or not all(v is None or type(v) in kinds for v in values):
             raise DatasetError(f"{path}, line {number}: is not a record of a training; delete the line, or the file")
     return list(zip(lines, records, strict=True))
+
+
+def rounded(values: dict[str, float]) -> dict[str, float]:
+    """Return numbers of six significant digits, as learning rates are about 1e-6."""
+    return {name: float(f"{value:.6g}") for name, value in values.items()}
 
 
 class Log:
@@ -84,16 +89,24 @@ class Log:
         about = {"date": date, "command": command, "seed": seed, "data": data}
         self._add({"kind": "start", "step": step, **about, **versions()})
 
+    def stop(self, step: int, times: dict[str, float]) -> None:
+        """Add a record of the kind "stop", at the end of the steps since the last start.
+
+        Args:
+            step: Steps that the run has taken.
+            times: "minutes" of the run, and "processor_minutes" since the last start.
+        """
+        self._add({"kind": "stop", "step": step, **rounded(times)})
+
     def write(self, kind: str, step: int, values: dict[str, float]) -> None:
         """Add a record.
 
         Args:
             kind: "train", "val" (averaged weights) or "val_raw" (current weights).
             step: Step of the record.
-            values: Numbers by name; those that are not finite become null.
+            values: Numbers by name; those that are not finite become null, as JSON has no NaN for "no such pixels".
         """
-        # Six significant digits: learning rates are about 1e-6. JSON has no NaN, which means "no such pixels".
-        self._add({"kind": kind, "step": step, **{k: float(f"{v:.6g}") for k, v in values.items()}})
+        self._add({"kind": kind, "step": step, **rounded(values)})
         if self.board is not None:
             for name, value in values.items():
                 self.board.add_scalar(f"{kind}/{name}", value, step)

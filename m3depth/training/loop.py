@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, nullcontext
+from itertools import pairwise
 
 import cv2
 import torch
@@ -15,7 +16,7 @@ from m3depth.datasets.state import state_of_pairs
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.output import StereoOutput
 from m3depth.network.stereo_network import StereoNetwork
-from m3depth.stereo.pairs import StereoPairs
+from m3depth.stereo.pairs import StereoPairs, pair_name
 from m3depth.training.augmentation import check_crop
 from m3depth.training.batch import Batch, network_inputs
 from m3depth.training.config import TrainConfig, check_config, in_steps
@@ -23,7 +24,7 @@ from m3depth.training.curves import save_curves
 from m3depth.training.ending import loss_fault, share_done, spent_budget, weight_fault
 from m3depth.training.log import Log, records
 from m3depth.training.losses import total_loss
-from m3depth.training.messages import announce, closing_words, data_names, progress_text
+from m3depth.training.messages import announce, data_names, progress_text, summary
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
 from m3depth.training.samples import PackedCache, batches, free_memory
@@ -67,7 +68,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             return report_spent_budget(run, budget, held_out) if rank == 0 else {}
         local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
         cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
-        check_crop(cache[0], config.crop)  # before anything is written
+        check_crops(cache, samples, config.crop)  # before anything is written
         with ExitStack() as opened:
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
@@ -89,6 +90,20 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             if stopped and "LOCAL_RANK" not in os.environ:
                 raise KeyboardInterrupt
             return scores
+
+
+def check_crops(cache: PackedCache, samples: StereoPairs, size: tuple[int, int]) -> None:
+    """Raise ValueError if the first pair of a dataset is smaller than the crops.
+
+    Args:
+        cache: The samples.
+        samples: The same, which may be the JoinedPairs of several datasets.
+        size: Height and width of the crops [px].
+    """
+    ends = getattr(samples, "ends", [len(samples)])
+    for first, end in pairwise([0, *ends]):
+        if end > first:
+            check_crop(cache[first], size, pair_name(samples, first))
 
 
 def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:
@@ -137,7 +152,7 @@ def finish(run: Run, log: Log, validator: Validator, stopped: bool) -> dict[str,
         log.say(f"stopped at step {run.step}, and saved it")
         return {}
     log.say("done")
-    print(closing_words(run, records(run.config.out, "val")), flush=True)
+    print(summary(run, records(run.config.out, "val")), flush=True)
     return scores
 
 
@@ -172,6 +187,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 if batch is not None:
                     check_state(run, batch, dtype, world)
                     if log:
+                        log.stop(run.step, times_of(run, used_before))
                         run.save()
                 return bool(stopped)
             before = time.monotonic()
@@ -183,8 +199,7 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 continue
             if run.step % 10 == 0 or run.step == 1:
                 share = waited / max(time.monotonic() - began, 1e-9)
-                times = {"minutes": run.seconds / 60, "processor_minutes": (time.process_time() - used_before) / 60}
-                log.write("train", run.step, values | times | {"loader_share": share})
+                log.write("train", run.step, values | times_of(run, used_before) | {"loader_share": share})
             log.progress(progress_text(run, values))
             if time.monotonic() - saved > 60 * config.checkpoint_minutes:
                 check_state(run, batch, dtype)
@@ -192,6 +207,16 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 saved = time.monotonic()
             if validation_is_due(run):
                 validator.validate()
+
+
+def times_of(run: Run, used_before: float) -> dict[str, float]:
+    """Return the minutes of a run, and those that its process has used its processors for since the start.
+
+    Args:
+        run: The run.
+        used_before: Processor time of the process at the start [s].
+    """
+    return {"minutes": run.seconds / 60, "processor_minutes": (time.process_time() - used_before) / 60}
 
 
 def one_step(run: Run, network: nn.Module, batch: Batch, rate: float, dtype: torch.dtype | None) -> dict[str, float]:

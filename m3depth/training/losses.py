@@ -140,8 +140,8 @@ def total_loss(
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the whole training loss, and its terms before weighting, detached, by name.
 
-    Another term is an entry of `terms` and a weight of the same name in LossConfig. Other methods than M3Depth have
-    their own, published loss.
+    Another term is an entry of `terms` and a weight of the same name in LossConfig. Other methods than M3Depth have a
+    loss of their own.
 
     Args:
         output: Of the network, for images whose size is a multiple of 8.
@@ -149,7 +149,7 @@ def total_loss(
         config: Weights of the terms of M3Depth.
     """
     if not isinstance(output, StereoOutput):
-        return own_loss(output, target)
+        return rival_loss(output, target)
     weight = pixel_weights(target, config)
     maps = trained_maps(output, target, weight, config)
     terms = {
@@ -163,8 +163,8 @@ def total_loss(
     return total, {name: value.detach() for name, value in terms.items()}
 
 
-def own_loss(output: TrainedOutput, target: Target) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the loss that a method brings with it, and its terms, detached, by name.
+def rival_loss(output: TrainedOutput, target: Target) -> tuple[Tensor, dict[str, Tensor]]:
+    """Return the loss that is a method's own, and its terms, detached, by name.
 
     It sees what the published trainings see: pixels of known disparity, all of one weight. That the sky is trained with
     disparity 0 is our choice, since these methods have no output for the sky; LightStereo and TinyHITNet, for example,

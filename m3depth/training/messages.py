@@ -56,8 +56,8 @@ def progress_text(run: Run, values: dict[str, float]) -> str:
     )
 
 
-def closing_words(run: Run, validations: list[dict[str, Any]]) -> str:
-    """Return the last words of a finished run: its files, how good the weights are, and how to score them.
+def summary(run: Run, validations: list[dict[str, Any]]) -> str:
+    """Return the summary of a finished run: its files, how good the weights are, and how to score them.
 
     Args:
         run: The run.

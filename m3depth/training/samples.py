@@ -19,7 +19,7 @@ import numpy as np
 
 from m3depth.datasets.state import state_of_pairs
 from m3depth.stereo.pairs import StereoPairs, pair_name
-from m3depth.training.augmentation import AugmentConfig, augment, random_crop
+from m3depth.training.augmentation import AugmentConfig, augment, check_crop, random_crop
 from m3depth.training.batch import Batch, finer_band, reduced, to_batch
 from m3depth.training.packing import PackedSample, pack
 
@@ -121,12 +121,18 @@ def make_batch(
         config: Augmentation.
         seed: Seed of the run.
         rank, world: Number of this process, and of all processes.
+
+    Raises:
+        ValueError: The images of a pair are smaller than the crops; the message names it.
     """
     items, finer = [], []
     for slot in range(size):
         position = (step * world + rank) * size + slot
         rng = np.random.default_rng((seed, 2, position))
-        part = random_crop(cache[sample_index(len(cache), position, seed)], crop_size, config, rng)
+        index = sample_index(len(cache), position, seed)
+        sample = cache[index]
+        check_crop(sample, crop_size, pair_name(cache.samples, index))
+        part = random_crop(sample, crop_size, config, rng)
         images = augment(part.left, part.right, config, rng)
         if part.reduction == 1:
             items.append((*images, part))

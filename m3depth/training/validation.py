@@ -12,7 +12,7 @@ from m3depth.estimator import for_pair
 from m3depth.evaluation.example import Example
 from m3depth.figures.pairs import pairs_figure
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.output import Maps
+from m3depth.network.output import Maps, maps_at_size
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.stereo.pairs import StereoPairs, pair_name, spread
 from m3depth.training.batch import Batch, Target, disparity_edges, network_inputs, whole_batch
@@ -111,16 +111,20 @@ def predict_batch(model: StereoNetwork, batch: Batch) -> tuple[Maps, Target]:
 
     Args:
         model: The network.
-        batch: The images and cameras; with a whole pair in `finer`, networks that take a start go on there.
+        batch: The images and cameras. With a whole pair in `finer`, networks that take a start go on there, and the
+            maps of others are enlarged, as in StereoNetwork.infer.
 
     Returns:
-        The maps at the largest size that the network works on, and the ground truth there.
+        The maps at the full size of the pairs, and the ground truth there.
     """
     device = batch.left.device
     with autocast(device, fast_dtype(device)):
         out, target = model(*network_inputs(batch, model.takes_truth)), batch.target
-        for band in batch.finer if model.TAKES_START else ():
-            out = model(band.left, band.right, band.target.camera, out.start(*band.size))
+        for band in batch.finer:
+            if model.TAKES_START:
+                out = model(band.left, band.right, band.target.camera, out.start(*band.size))
+            else:
+                out = maps_at_size(out, *band.size)
             target = band.target
     return out, target
 

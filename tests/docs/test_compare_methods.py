@@ -234,6 +234,14 @@ def test_records_of_two_calls_become_the_page_of_one(compare_methods, folders, m
     assert both["mine"] == {**both["other"]} and cv2.imread(str(tmp_path / "both/curves.png")).std() > 5
 
 
+def test_the_steps_since_the_last_logged_one_count(compare_methods, folders):
+    _, run = folders
+    with (run / "log.jsonl").open("a") as log:
+        log.write('{"kind": "stop", "step": 107, "minutes": 13.5, "processor_minutes": 10.0}\n')
+    training = sys.modules["method_records"].training(run)
+    assert (training["steps"], training["minutes"], training["processor_minutes"]) == (107, 13.5, 22.0)
+
+
 def test_a_half_written_last_line_of_a_log_does_not_count(compare_methods, folders):
     _, run = folders
     with (run / "log.jsonl").open("a") as log:

@@ -105,9 +105,14 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
 
 
 def test_the_map_is_left_out_and_the_baselines_are_those_that_the_flags_name(score_manifest, tiny, tmp_path):
+    """Another state of the code has begun to score the part before, and was stopped."""
     weights = tmp_path / "mine.safetensors"
     M3Depth(SMALL).save_pretrained(weights)
     out = tmp_path / "out"
+    begun = out / "depth/64/clean/utopia"
+    begun.mkdir(parents=True)
+    (begun / "unfinished.npz").write_bytes(b"scores of another state of the code")
+    (begun / "state.json").write_text('{"code": "another"}')
     arguments = ["--data", str(tmp_path / "data"), "--out", str(out), "--manifest", str(tiny), "--workers", "1"]
     arguments += ["--weights", str(weights), "--sets", "clean", "--limit", "1", "--no-map", "--baselines", "sad"]
     arguments += ["--estimator", "sad,unfilled"]
@@ -130,7 +135,9 @@ def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manife
     part = score_manifest.Part("64", "clean", "utopia", "clean", 2, (), (), None)
     for kind in ("depth", "map"):
         part.scores(options.out, kind).mkdir(parents=True)
-    score_manifest.score(part, SimpleNamespace(path=tmp_path, digest="0"), options)
+    score_manifest.score(
+        part, SimpleNamespace(path=tmp_path, digest="0"), options, score_manifest.weights_by_kind(options)
+    )
     assert [str(path) in calls["depth"] for path in paths.values()] == [True, True]
     assert [f"m3depth:{path}" in calls["map"] for path in paths.values()] == [True, False]
 

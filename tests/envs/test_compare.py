@@ -41,7 +41,7 @@ def broken(key, value):
         (broken("outcome", "won"), "episodes[0].outcome must be one of goal, collision"),
         (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
         (broken("spl", 0.123), "spl must be "),
-        (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: is there twice"),
+        (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: appears twice"),
         (lambda c: c["episodes"][0].update(success=not c["episodes"][0]["success"]), "success must not be "),
         (lambda c: c["episodes"].pop(), "1 episode is missing, as rare_looks, course 1"),
         (lambda c: c.pop("suite"), "the file has no suite"), (lambda c: c["episodes"].clear(), "holds no episode"),
@@ -196,6 +196,12 @@ def test_a_file_that_is_given_twice_is_refused(suite_run, small_suite, capsys):
     for other in (suite_run, suite_run / "results.json"):
         assert main([str(suite_run), str(other), "--suite", str(small_suite)]) == 2
         assert f"{other} is given twice" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flags", [["--out", "comparison"], ["--track", "eyes"]])
+def test_a_check_takes_no_flags_of_a_comparison(suite_run, small_suite, capsys, flags):
+    assert main([str(suite_run), "--suite", str(small_suite), "--check", *flags]) == 2
+    assert f"error: {flags[0]} is for a comparison" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")

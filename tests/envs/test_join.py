@@ -109,7 +109,7 @@ def test_an_episode_that_two_shards_hold_must_be_the_same_but_for_times(shards, 
 def test_a_shard_that_was_stopped_before_its_report_is_named(shards, tmp_path):
     other = shutil.copytree(shards[1], tmp_path / "other")
     (other / "results.json").unlink()
-    with pytest.raises(DatasetError, match=r"other.results.json: no such file, as the shard is not finished"):
+    with pytest.raises(DatasetError, match=r"other.results.json: no such file: the shard is not finished"):
         join(JoinConfig((shards[0], other), tmp_path / "all"))
 
 
@@ -169,3 +169,23 @@ def test_digests_that_are_none_are_named(shards, tmp_path, capsys):
     (other / "evaluate.json").write_text(json.dumps({**mark, "weights": ["a"]}))
     assert main([str(other), "--out", str(tmp_path / "all")]) == 2
     assert f"{other / 'evaluate.json'}: weights must hold digests by name, got ['a']" in capsys.readouterr().err
+
+
+def test_errors_on_the_test_set_are_those_of_all_shards(shards, tmp_path, capsys):
+    copies = [shutil.copytree(shard, tmp_path / shard.name) for shard in shards]
+
+    def note(folder, errors):
+        content = json.loads((folder / "results.json").read_text())
+        (folder / "results.json").write_text(json.dumps({**content, "test_set_abs_rel": errors}))
+
+    note(copies[0], {"sgbm": 0.02})
+    note(copies[1], {"sgbm": 0.02, "m3depth": 0.01})
+    joined = join(JoinConfig(tuple(copies), tmp_path / "all"))
+    assert joined["test_set_abs_rel"] == {"sgbm": 0.02, "m3depth": 0.01}
+    for errors, message in (
+        ({"sgbm": 0.03}, f"{copies[1]}: sgbm has another test_set_abs_rel than in another shard"),
+        ([1], "test_set_abs_rel must hold numbers by name, got [1]"),
+    ):
+        note(copies[1], errors)
+        assert main([*map(str, copies), "--out", str(tmp_path / "other")]) == 2
+        assert message in capsys.readouterr().err and not (tmp_path / "other").exists()

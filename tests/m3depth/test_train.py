@@ -25,10 +25,10 @@ from m3depth.training.log import records
 from m3depth.training.loop import backward, finer_losses, train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
-from m3depth.training.messages import closing_words
+from m3depth.training.messages import summary
 from m3depth.training.packing import pack
 from m3depth.training.run import Run, learning_rate
-from m3depth.training.samples import PackedCache, make_batch
+from m3depth.training.samples import JoinedPairs, PackedCache, make_batch
 from m3depth.training.validation import validate
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.command.flags import parse
@@ -74,6 +74,10 @@ def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_p
     scores = train(config, plane_samples, plane_samples)
     assert scores["epe"] < 0.7 * untrained["epe"] and scores["normal"] < 0.3 * untrained["normal"]
     assert losses_of(tmp_path)
+    train_records, stops = records(tmp_path, "train"), records(tmp_path, "stop")
+    assert [record["step"] for record in train_records] == [1, 10] and [record["step"] for record in stops] == [12]
+    assert stops[0]["minutes"] > train_records[-1]["minutes"] > 0
+    assert stops[0]["processor_minutes"] > train_records[-1]["processor_minutes"] > 0
     assert M3Depth.from_pretrained(tmp_path / "weights.safetensors").config == SMALL
     assert json.loads((tmp_path / "weights.json").read_text())["hidden"] == 8
     assert list((tmp_path / "panels").glob("*.png"))
@@ -200,7 +204,7 @@ def test_a_run_cut_off_after_a_checkpoint_goes_on_to_the_same_state(
     logs = []
     for out in (six_steps, cut.out):
         lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
-        lines = [line for line in lines if line["kind"] != "start"]  # a line for each start
+        lines = [line for line in lines if line["kind"] not in ("start", "stop")]  # lines for each start and stop
         logs.append(
             [{k: v for k, v in r.items() if k not in ("minutes", "processor_minutes", "loader_share")} for r in lines]
         )
@@ -323,15 +327,15 @@ def test_a_run_says_what_it_wrote_and_how_to_go_on(plane_samples, tmp_path, caps
 def test_the_best_validation_is_reported_if_it_was_not_the_last(tmp_path) -> None:
     run = Run(config_for(tmp_path), torch.device("cpu"))
     records = [{"step": n, "epe": epe, "abs_rel": 0.01, "normal": 9.0} for n, epe in ((1, 0.5), (2, None), (3, 0.7))]
-    output = closing_words(run, records)
+    output = summary(run, records)
     assert "EPE 0.700 px" in output and "best EPE 0.500 px at step 1" in output
-    assert "best EPE" not in closing_words(run, records[:1]) and "not validated" in closing_words(run, [])
+    assert "best EPE" not in summary(run, records[:1]) and "not validated" in summary(run, [])
 
 
 def test_the_hint_scores_every_folder_as_it_was_read(tmp_path) -> None:
     reader = DataConfig(left="left/*.png", right="right/*.png", depth="depth/*.exr", calib=Path("natecam"), resize=0.5)
     config = replace(config_for(tmp_path), data=(Path("SimMars6K"), Path("more data")), reader=reader)
-    hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
+    hints = summary(Run(config, torch.device("cpu")), []).splitlines()[1:]
     assert [line.startswith("score them: python -m m3depth.evaluate ") for line in hints] == [True, True]
     parsed = [parse(EvaluateOptions, "evaluate", None, shlex.split(line)[5:]) for line in hints]
     assert [options.data for options in parsed] == list(config.data) and len({options.out for options in parsed}) == 2
@@ -643,8 +647,15 @@ def test_half_written_files_of_a_killed_run_are_deleted(plane_samples, tmp_path)
 
 
 def test_a_crop_that_no_image_holds_leaves_nothing(plane_samples, tmp_path) -> None:
-    with pytest.raises(ValueError, match="--crop 512 512 is larger than the images"):
+    with pytest.raises(ValueError, match="--crop 512 512 is larger than the images, 64 x 96 px in "):
         train(config_for(tmp_path / "run", crop=(512, 512)), plane_samples, [])
+    assert not (tmp_path / "run").exists()
+
+
+def test_each_dataset_must_hold_the_crop(plane_samples, large_samples, tmp_path) -> None:
+    both = JoinedPairs([large_samples, plane_samples])
+    with pytest.raises(ValueError, match="--crop 96 96 is larger than the images, 64 x 96 px in "):
+        train(config_for(tmp_path / "run", crop=(96, 96)), both, [])
     assert not (tmp_path / "run").exists()
 
 
@@ -659,7 +670,7 @@ def test_a_folder_without_test_pairs_is_reported_instead_of_a_command_that_fails
     pairs = {"one scene": 0, "ten": 2}
     monkeypatch.setattr("m3depth.training.messages.open_pairs", lambda path, split, config: [None] * pairs[path.name])
     config = replace(config_for(tmp_path), data=(Path("one scene"), Path("ten")))
-    hints = closing_words(Run(config, torch.device("cpu")), []).splitlines()[1:]
+    hints = summary(Run(config, torch.device("cpu")), []).splitlines()[1:]
     assert hints[0] == "one scene: split test holds no pairs to score them on; more scenes would have some"
     assert len(hints) == 2 and "m3depth.evaluate --data ten --split test" in hints[1]
 

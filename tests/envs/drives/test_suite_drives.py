@@ -52,7 +52,7 @@ def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite,
         (["--episodes", "3"], "--episodes must be at most 2, as many as small-v1 has, got 3"),
         (["--shard", "3/2"], "--shard must be I/N, as 2/8 for the second part of eight, got '3/2'"),
         (["--shard", "1"], "--shard must be I/N"),
-        (["--shard", "5/9"], "--shard 5/9 is empty: there are fewer courses under all conditions"),
+        (["--shard", "5/9"], "--shard 5/9 has no episode: use 4 parts or fewer"),
     ],
 )  # fmt: skip
 def test_what_a_suite_fixes_is_refused_in_one_line(small_suite, tmp_path, capsys, flags, message):

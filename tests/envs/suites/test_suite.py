@@ -82,7 +82,7 @@ def test_true_depth_has_the_pixels_of_the_eyes():
         (lambda c: c["conditions"]["clear"].update(optical_depth="x"), "optical_depth must be a number, got 'x'"),
         (lambda c: c["conditions"]["clear"].update(optical_depth=None), "optical_depth must be a number, got None"),
         (lambda c: c["conditions"]["clear"].update(drifts=[1]), r"clear: drifts must be a number, got \[1\]"),
-        (lambda c: c["episodes"].append(c["episodes"][0]), "course 0 of dev, clear, is there twice"),
+        (lambda c: c["episodes"].append(c["episodes"][0]), "course 0 of dev, clear, appears twice"),
         (lambda c: c["conditions"].update({"/../x": {}}), "conditions: a key must be a name of .*, got '/../x'"),
         (lambda c: c["conditions"].update(clear="storm"), "conditions.clear must be of type object, got 'storm'"),
         (lambda c: c.update(conditions=3), "conditions must be of type object, got 3"),

@@ -116,8 +116,16 @@ def test_missing_figures_are_reported_as_not_measured_yet() -> None:
 def test_seeds_are_compared_with_themselves() -> None:
     """A seed that one of two runs lacks is left out of their comparison."""
     scores = levels([1.0, 0.9, 1.0, 1.0])
+    for name, factor in (("levels-2", 2.0), ("levels-3", 2.4 / 0.9)):
+        for record in scores[name][1]["per_pair"]:
+            record["M3Depth"]["abs_rel"] *= factor
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["here"] == pytest.approx((0.9 + 2.4) / (1.0 + 2.0) - 1) and part["by_seed"] == pytest.approx(
+        [-0.1, 0.2]
+    )
     del scores["levels-2"][0]
-    assert len(findings(STUDIES["levels"], scores)["comparisons"][0]["by_seed"]) == 1
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["here"] == pytest.approx(0.2) and part["by_seed"] == pytest.approx([0.2])
 
 
 def test_normals_without_truth_leave_their_columns_empty() -> None:

@@ -7,6 +7,7 @@ from small_rivals import TINY
 
 from m3depth.kinds.networks import new_network
 from m3depth.rivals.light_stereo import by_neighbours
+from m3depth.stereo.pairs import NEAREST
 
 
 def test_a_pixel_is_the_weighed_mean_of_the_cells_around_its_own() -> None:
@@ -24,6 +25,15 @@ def test_a_pixel_is_the_weighed_mean_of_the_cells_around_its_own() -> None:
     )
 
 
-def test_pairs_are_reduced_to_the_disparities_that_the_shifts_reach() -> None:
-    assert new_network(TINY["light-stereo"]).reach == 4 * 8
-    assert new_network(replace(TINY["light-stereo"], shifts=48)).reach == 192
+def test_pairs_are_reduced_to_the_disparities_that_the_shifts_reach(plane_samples) -> None:
+    sample = plane_samples[0]
+    nearest = sample.rig.fb / NEAREST  # [px]
+    height, width = sample.left.shape[:2]
+    for shifts, reach in ((4, 16), (8, 32), (48, 192)):
+        network = new_network(replace(TINY["light-stereo"], shifts=shifts)).eval()
+        assert network.reach == reach
+        sizes = []
+        network.register_forward_pre_hook(lambda _, inputs, sizes=sizes: sizes.append(tuple(inputs[0].shape[-2:])))
+        network.infer(sample.left, sample.right, sample.rig)
+        scale = min(1, reach / nearest)
+        assert sizes == [(round(height * scale), round(width * scale))]

@@ -166,7 +166,7 @@ def test_the_depth_is_that_of_the_weights_that_training_was_given(plane_samples,
     np.testing.assert_array_equal(given.depth, network.infer(sample.left, sample.right, sample.rig).depth)
 
     M3Depth(SMALL).save_pretrained(weights)
-    with pytest.raises(ValueError, match=rf"^{trained}: {weights}: is another file than the one from which fusion got"):
+    with pytest.raises(ValueError, match=rf"^{trained}: {weights}: is not the file from which fusion got"):
         load_network(trained)
     weights.unlink()
     with pytest.raises(FileNotFoundError, match=rf"^{trained}: {weights}: no such weights file; fusion got its depth"):
@@ -202,7 +202,7 @@ def test_true_depth_is_given_in_training_and_evaluation_and_marked_in_tables(pla
     assert scores["epe"] == 0 and scores["normal"] > 0
     network = new_network(sizes).eval()
     sample = plane_samples[0]
-    with pytest.raises(ValueError, match=r"^fusion is trained with the true depth here"):
+    with pytest.raises(ValueError, match=r"^fusion needs the true depth"):
         network.infer(sample.left, sample.right, sample.rig)
     given = for_pair(network, sample).infer(sample.left, sample.right, sample.rig)
     seen = sample.disparity >= 0.05

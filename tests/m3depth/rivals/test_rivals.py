@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -14,11 +15,12 @@ from m3depth.network.config import PRESETS as M3DEPTH_PRESETS
 from m3depth.network.model import M3Depth
 from m3depth.rivals.config import CONFIGS, PRESETS, NormalConfig, RivalConfig
 from m3depth.rivals.output import Truth
+from m3depth.stereo.pairs import MAX_DISPARITY, NEAREST
 from m3depth.training.batch import whole_batch
 from m3depth.training.loop import train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
-from m3depth.training.packing import pack
+from m3depth.training.packing import SCORED, pack
 from m3depth.training.run import Run
 from m3depth.training.validation import validate
 
@@ -126,15 +128,27 @@ def test_checkpointing_changes_no_gradient(config, plane_samples) -> None:
     torch.testing.assert_close(gradients[1], gradients[0], rtol=1e-3, atol=1e-3 * float(gradients[0].abs().max()))
 
 
-def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_samples, tmp_path) -> None:
-    run = Run(train_config(tmp_path, network=None, preset="raft-stereo"), torch.device("cpu"))
-    run.model = new_network(TINY["raft-stereo"])
-    scores = validate(run.model, [pack(large_samples[0])], torch.device("cpu"))
-    assert scores["epe"] > 0
-    sample = large_samples[0]
-    prediction = run.model.eval().infer(sample.left, sample.right, sample.rig)
-    assert prediction.disparity.shape == sample.left.shape[:2]
-    assert prediction.normal is None
+def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_samples) -> None:
+    """Their errors are those of the maps at full size, in pixels of the pair."""
+    torch.manual_seed(0)
+    network, sample = new_network(TINY["raft-stereo"]).eval(), large_samples[0]
+    sizes = []
+    network.register_forward_pre_hook(lambda _, inputs: sizes.append(tuple(inputs[0].shape[-2:])))
+    scores = validate(network, [packed := pack(sample)], torch.device("cpu"))
+    height, width = sample.left.shape[:2]
+    assert sizes == [(height // 2, width // 2)]
+    half = (cv2.resize(x, (width // 2, height // 2), interpolation=cv2.INTER_AREA) for x in (sample.left, sample.right))
+    left, right = (torch.from_numpy(x).permute(2, 0, 1)[None] / 255 for x in half)
+    with torch.no_grad():
+        disparity = network(left, right, torch.tensor([[400.0, 400, 47.5, 31.5]])).disparity[0, 0].numpy()
+    disparity = 2 * cv2.resize(disparity, (width, height), interpolation=cv2.INTER_LINEAR)
+    scored = (packed.flags & SCORED) > 0
+    assert scores["epe"] == pytest.approx(np.abs(disparity - sample.disparity)[scored].mean(), rel=0.02)
+
+    prediction = network.infer(sample.left, sample.right, sample.rig)
+    reach = MAX_DISPARITY / (sample.rig.fb / NEAREST)
+    assert sizes[-1] == (round(height * reach), round(width * reach))
+    assert prediction.disparity.shape == (height, width) and prediction.normal is None
 
 
 @pytest.mark.parametrize("kind", CONFIGS)

@@ -39,6 +39,12 @@ def test_the_recipe_sets_defaults_that_other_flags_override() -> None:
     assert (other.lr, other.loss.depth, other.augment.noise, other.crop) == (8e-4, False, 0.1, (64, 64))
     assert (other.batch, other.augment.scale) == (12, 0)
     assert parsed() == parsed("--recipe", "own") == TrainConfig(parsed().data, parsed().out)
+    for line, recipe in (
+        (("--recipe", "paper", "--recipe=own"), "own"),
+        (("--recipe=own", "--recipe", "paper"), "paper"),
+    ):
+        last = parsed(*line)  # of a flag that is given twice, the last one counts
+        assert last.recipe == recipe and last.lr == parsed("--recipe", recipe).lr
 
 
 def test_epochs_are_steps_of_all_processes_and_the_fewer_steps_count(tmp_path) -> None:

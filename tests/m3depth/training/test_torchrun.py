@@ -85,7 +85,7 @@ def test_two_processes_are_one_batch_in_two_parts(plane_set, large_set, tmp_path
     steps = [json.loads(line) for line in (tmp_path / "one" / "log.jsonl").read_text().splitlines()]
     assert any("finer" in record for record in steps)  # a larger pair was among the crops
     records = [json.loads(line) for line in (tmp_path / "two" / "log.jsonl").read_text().splitlines()]
-    assert [record["kind"] for record in records] == ["start", "train", "val_raw", "val"]
+    assert [record["kind"] for record in records] == ["start", "train", "stop", "val_raw", "val"]
 
 
 REFUSED = """
