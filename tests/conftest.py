@@ -1,5 +1,6 @@
 """Settings and examples for all tests."""
 
+import os
 import re
 import shutil
 import signal
@@ -10,6 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
+
+from marssim.base.images.figure_pixels import figure_pixels
+
+# With two threads, PyTorch's results may differ from run to run in their last bits. So set before torch is imported.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Times on shared machines mean nothing: no deadlines. Few examples, the same ones each time: the suite stays fast.
 settings.register_profile("suite", deadline=None, max_examples=50, derandomize=True)
@@ -73,6 +80,19 @@ def pytorch_by_default() -> Iterator[None]:
 def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let blank pictures stand for figures, each of which takes half a second to draw: the test is not about them."""
     monkeypatch.setattr("m3depth.figures.drawing.figure_pixels", lambda figure: np.full((8, 8, 3), 255, np.uint8))
+
+
+@pytest.fixture
+def drawn_figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Every figure of the test, as it is when m3depth.figures.drawing.save writes it."""
+    figures: list[Figure] = []
+
+    def pixels(figure: Figure) -> np.ndarray:
+        figures.append(figure)
+        return figure_pixels(figure)
+
+    monkeypatch.setattr("m3depth.figures.drawing.figure_pixels", pixels)
+    return figures
 
 
 @pytest.fixture(scope="session")

@@ -106,7 +106,9 @@ def test_a_shard_must_hold_the_whole_of_its_part(edited, small_suite, capsys):
     assert "1 episode is missing, as rare_looks, course 1" in capsys.readouterr().err
 
 
-def test_methods_of_several_files_are_compared_by_course(suite_run, edited, small_suite, tmp_path, capsys):
+def test_methods_of_several_files_are_compared_by_course(
+    suite_run, edited, small_suite, tmp_path, capsys, drawn_figures
+):
     def arrive(content):
         for episode in content["episodes"]:
             way = max(episode["path_length"], episode["shortest"])
@@ -125,6 +127,16 @@ def test_methods_of_several_files_are_compared_by_course(suite_run, edited, smal
     assert first["less"] is None and best["success_rate"] == 1.0 and best["episodes"] == 4
     assert best["less"]["difference"] == pytest.approx(1 - first["success_rate"])
     assert {file.name for file in out.iterdir()} == {"comparison.json", "comparison.md", "comparison.png"}
+    success, spl, less_success, less_spl = drawn_figures[0].axes
+    shown = {bars.get_label(): bars.lines[0].get_xdata() for bars in success.containers}
+    for method in overall:
+        of_method = [row for row in rows if row["method"] == method]
+        assert shown[method] == pytest.approx([100 * row["success_rate"] for row in of_method])
+    assert len(spl.containers) == 4 and len(less_success.containers) == len(less_spl.containers) == 3
+    differences = less_spl.containers[-1].lines[0].get_xdata()
+    assert differences == pytest.approx(
+        [row["less"]["spl_difference"] for row in rows if row["method"] == "random, theirs"]
+    )
     page = (out / "comparison.md").read_text()
     assert "| all | random, theirs | 4 | 100 % |" in page and "Suite small-v1, split dev, track both" in page
     methods = {

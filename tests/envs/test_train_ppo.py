@@ -77,6 +77,23 @@ def test_a_policy_counts_no_choices_that_it_has_not_learnt_from(tmp_path, small_
     assert updates == [8, 16, 16, 24]  # what was lost is learnt again
 
 
+def test_time_that_is_up_within_a_rollout_ends_it(tmp_path, small_place, monkeypatch, capsys):
+    """Each choice takes half a minute here, so that six minutes end in the middle of the second rollout of eight."""
+    import stable_baselines3.common.vec_env as vec_env
+
+    choices, step = [], vec_env.DummyVecEnv.step_wait
+    monkeypatch.setattr(vec_env.DummyVecEnv, "step_wait", lambda self: choices.append(1) or step(self))
+    monkeypatch.setattr("envs.train_ppo.monotonic", lambda: 30.0 * len(choices))
+    config = PPOConfig(tmp_path, workers=1, goal_distance=3.0, scene=str(small_place), max_minutes=6, max_steps=24)
+    path = train(config, rollout=8)
+    with zipfile.ZipFile(path) as archive:
+        assert json.loads(archive.read("data"))["num_timesteps"] == 8  # of the second rollout, nothing was learnt
+    assert len(choices) == 12 and json.loads((tmp_path / "train_ppo.json").read_text())["seconds"] == 360.0
+    capsys.readouterr()
+    train(config, rollout=8)
+    assert "already at --max-minutes 6; raise it to go on" in capsys.readouterr().out and len(choices) == 12
+
+
 def test_nothing_in_a_policy_that_it_goes_on_from_is_run(tmp_path, small_place):
     import cloudpickle
 

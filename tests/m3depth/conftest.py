@@ -1,4 +1,4 @@
-"""Small stereo samples whose ground truth is known in closed form, and the figures that a test draws."""
+"""Small stereo samples whose ground truth is known in closed form."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from m3depth.figures import drawing
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.dataset import write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import StereoSample, write_sample
-from marssim.base.images.figure_pixels import figure_pixels
 
 RIG = StereoRig(PinholeCamera(64, 48, 70.0, 75.0, 30.3, 22.7), baseline=0.27)
 NAMES = [f"{scene:05d}/{view:02d}" for scene in range(4) for view in range(2)]  # train, test, val, train
@@ -112,16 +109,3 @@ def undrawn_rows(monkeypatch) -> None:
     monkeypatch.setattr(
         "m3depth.rectification.figure.rows_figure", lambda left, right, pair, path: path.write_bytes(b"")
     )
-
-
-@pytest.fixture
-def drawn_figures(monkeypatch) -> list[Figure]:
-    """Every figure of the test, as it is when m3depth.figures.drawing.save writes it."""
-    figures: list[Figure] = []
-
-    def pixels(figure: Figure) -> np.ndarray:
-        figures.append(figure)
-        return figure_pixels(figure)
-
-    monkeypatch.setattr(drawing, "figure_pixels", pixels)
-    return figures

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr, spearmanr
 
-from envs.comparison.depth_metrics import condition_dots, correlate, correlation, correlation_table, ranks
+from envs.comparison.depth_metrics import METRICS, condition_dots, correlate, correlation, correlation_table, ranks
 from envs.comparison.methods import DrivenMethod
 from envs.comparison.plots import plot_depth_metrics
 
@@ -100,7 +100,13 @@ def test_samples_that_hold_dots_several_times_have_the_correlation_of_the_long_l
     assert np.isnan(correlation(np.ones(12), y, weights)).all()
 
 
-def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path):
+def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path, drawn_figures):
     dots = condition_dots({"truth": TRUTH, "eyes": EYES, "more": method("more", (1, 1, 0, 1), (0.0, 0.2, 0.3, 0.1))})
     plot_depth_metrics(tmp_path / "plot.png", dots, correlate(dots))
-    assert (tmp_path / "plot.png").stat().st_size > 10_000
+    panels = {(ax.get_subplotspec().rowspan.start, ax.get_xlabel()): ax for ax in drawn_figures[0].axes}
+    spl = panels[1, METRICS["abs_rel"].words]
+    lines = {line.get_label(): sorted(zip(*line.get_data())) for line in spl.lines}
+    assert np.allclose(lines["eyes"], [(0.01, 1.0), (0.02, 0.45), (0.1, 0.8), (0.2, 0.6)])
+    assert set(lines) == {"eyes", "more"}  # the true depth has no error
+    missed = panels[1, METRICS["rocks_missed"].words]
+    assert [line.get_label() for line in missed.lines] == ["eyes"]

@@ -3,10 +3,19 @@
 import numpy as np
 import pytest
 from ablation_scores import levels, score
+from matplotlib.figure import Figure
 
 from m3depth.ablation.figure import study_figure
 from m3depth.ablation.findings import findings
 from m3depth.ablation.studies import STUDIES
+
+
+def marks(figure: Figure, title: str) -> dict[str, float]:
+    """Our changes [%] in a panel of a study's figure, by the label of their row."""
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    panel = next(ax for ax in figure.axes if ax.get_title() == title)
+    dots = (line for line in panel.lines if line.get_marker() == "o" and len(line.get_xdata()))
+    return {labels[round(line.get_ydata()[0])]: float(line.get_xdata()[0]) for line in dots}
 
 
 def test_verdicts_follow_the_sign_and_the_interval() -> None:
@@ -64,7 +73,7 @@ def test_views_of_a_scene_are_drawn_together() -> None:
     assert widths[5] / widths[1] == pytest.approx(5**0.5, rel=0.3)
 
 
-def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
+def test_one_scene_gives_no_interval_and_no_verdict(tmp_path, drawn_figures) -> None:
     pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
     scores = {row.variant.name: {0: score(pairs, views=10)} for row in STUDIES["levels"].rows}
     scores["levels-3"] = {0: score({name: 0.9 * x for name, x in pairs.items()}, views=10)}
@@ -72,8 +81,9 @@ def test_one_scene_gives_no_interval_and_no_verdict(tmp_path) -> None:
     part = report["comparisons"][0]
     assert (part["interval"], part["verdict"]) == (None, None)
     assert part["sentence"].endswith("here it falls by 10.0 % (no interval).")
-    study_figure(report, path := tmp_path / "levels.png")
-    assert path.stat().st_size > 10_000
+    study_figure(report, tmp_path / "levels.png")
+    ours = marks(drawn_figures[0], "Abs Rel")
+    assert ours == pytest.approx({"2": 100 / 9, "3": 0, "4": 100 / 9, "5": 100 / 9})  # the row of 3 is the reference
 
 
 def test_errors_of_zero_in_most_scenes_give_no_interval_and_no_verdict() -> None:
