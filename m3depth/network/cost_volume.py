@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -96,6 +98,31 @@ class OutputHead(nn.Module):
         return self.layers(volume)
 
 
+class ScoreConvolution(nn.Conv3d):
+    """A 3-D convolution of all groups to one score, k x k x k with zeros around.
+
+    It is computed as k^3 weighted sums of the groups, which are shifted and added in float32, since cuDNN and oneDNN
+    are slow where a convolution has one output channel, above all in its gradients.
+
+    Args:
+        groups: G, channels of the volume.
+        kernel: k, odd.
+    """
+
+    def __init__(self, groups: int, kernel: int) -> None:
+        super().__init__(groups, 1, kernel, padding=kernel // 2)
+
+    def forward(self, volume: Tensor) -> Tensor:
+        """(B, G, D, H, W) -> (B, 1, D, H, W)."""
+        side, middle = self.kernel_size[0], self.kernel_size[0] // 2
+        sums = torch.einsum("bgdhw,gk->kbdhw", volume, self.get_parameter("weight")[0].flatten(1))
+        scores: Tensor = self.get_parameter("bias")
+        for tap, part in zip(product(range(side), repeat=3), sums.unbind()):
+            shift = [sign * (middle - position) for position in reversed(tap) for sign in (1, -1)]  # as F.pad takes it
+            scores = scores + F.pad(part, shift).float()
+        return scores[:, None]
+
+
 class Aggregation(nn.Module):
     """C_0 -> C_1 -> P_1 by 3-D convolutions, then P_2 = P_1 + a residual from context.
 
@@ -116,12 +143,12 @@ class Aggregation(nn.Module):
         # At the start P_1 is the plain correlation, sharp enough for the softmax to have a peak.
         nn.init.zeros_(self.second[1].get_parameter("weight"))
         self.head = OutputHead(groups, config.output_head) if config.output_head else None
-        self.score: nn.Parameter | nn.Conv3d
+        self.score: nn.Parameter | ScoreConvolution
         if config.score_kernel == 1:
             self.score = nn.Parameter(torch.full((groups,), 20.0 / groups))
         else:
             middle = config.score_kernel // 2
-            self.score = nn.Conv3d(groups, 1, config.score_kernel, padding=middle)
+            self.score = ScoreConvolution(groups, config.score_kernel)
             with torch.no_grad():
                 self.score.weight.zero_()[:, :, middle, middle, middle] = 20.0 / groups
                 self.score.get_parameter("bias").zero_()
@@ -150,7 +177,7 @@ class Aggregation(nn.Module):
         if self.head is not None:
             volume = aggregated = self.head(aggregated)  # (B, G, D, h, w)
             left = F.interpolate(left, scale_factor=2 ** len(self.head.layers), mode="bilinear")
-        if isinstance(self.score, nn.Conv3d):
+        if isinstance(self.score, ScoreConvolution):
             scores = self.score(aggregated)[:, 0]
         else:
             scores = (aggregated * self.score[:, None, None, None]).sum(1)

@@ -51,12 +51,12 @@ def test_training_step_and_its_loading(clock, capsys, tmp_path):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize(
-    ("preset", "batch", "crop", "recompute"), [("lite", 64, (256, 448), False), ("paper", 12, (512, 512), True)]
+    ("preset", "batch", "crop", "parts"), [("lite", 64, (256, 448), 1), ("paper", 12, (512, 512), 2)]
 )
-def test_training_step_on_a_gpu(clock, capsys, tmp_path, preset, batch, crop, recompute):
-    """lite with a batch that fills the card; the paper's preset at its own size and batch."""
+def test_training_step_on_a_gpu(clock, capsys, tmp_path, preset, batch, crop, parts):
+    """lite with a batch that fills the card; the paper's preset at its own size and batch, in two parts."""
     config = TrainConfig(data=(tmp_path,), out=tmp_path, max_steps=1, device="cuda", preset=preset, batch=batch,
-                         crop=crop, recompute=recompute)  # fmt: skip
+                         crop=crop, accumulate=parts)  # fmt: skip
     step = training_step(config, PackedCache([random_sample(seed) for seed in range(2)], 1 << 30))
 
     def whole():
@@ -76,7 +76,6 @@ def crops(cache, config, step):
 def training_step(config, cache):
     """A function that takes one step, of crops that are there already."""
     run = Run(config, torch.device(config.device))
-    run.model.recompute = config.recompute
     batch = crops(cache, config, 0).to(run.device)
 
     def step():

@@ -1,9 +1,11 @@
 from dataclasses import replace
 
+import pytest
 import torch
+from torch import nn
 
 from m3depth.network.config import M3DepthConfig
-from m3depth.network.cost_volume import Aggregation, group_correlation_volume, soft_argmin
+from m3depth.network.cost_volume import Aggregation, ScoreConvolution, group_correlation_volume, soft_argmin
 
 
 def test_volume_against_loops() -> None:
@@ -19,6 +21,28 @@ def test_volume_against_loops() -> None:
                     other = right[0, channels, y, x - i] if x >= i else torch.zeros(3, dtype=torch.float64)
                     expected = (left[0, channels, y, x] * other).mean()
                     torch.testing.assert_close(volume[0, group, i, y, x], expected)
+
+
+@pytest.mark.parametrize("kernel", [1, 3, 5])
+def test_score_convolution_is_that_of_pytorch(kernel: int) -> None:
+    torch.manual_seed(0)
+    score = ScoreConvolution(groups=6, kernel=kernel).double()
+    volume = torch.randn(2, 6, 4, 5, 7, dtype=torch.float64, requires_grad=True)
+    results = []
+    for scores in (score(volume), nn.Conv3d.forward(score, volume)):
+        gradients = torch.autograd.grad(scores.square().sum(), [volume, *score.parameters()])
+        results.append([scores, *gradients])
+    torch.testing.assert_close(*results, rtol=1e-5, atol=1e-5)  # the sums are float32
+
+
+def test_score_convolution_adds_in_float32_under_autocast() -> None:
+    torch.manual_seed(0)
+    score, volume = ScoreConvolution(groups=8, kernel=3), torch.randn(1, 8, 4, 5, 7)
+    exact = score(volume)
+    with torch.autocast("cpu", torch.bfloat16):
+        scores = score(volume)
+    assert scores.dtype == torch.float32
+    torch.testing.assert_close(scores, exact, rtol=0, atol=0.02)
 
 
 def test_soft_argmin_of_a_sharp_peak_is_its_disparity() -> None:

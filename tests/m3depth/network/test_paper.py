@@ -154,10 +154,9 @@ def test_recomputing_activations_changes_no_gradient_and_keeps_less(training_los
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_training_step_at_full_size_fits_a_gpu(training_loss) -> None:
-    """One pair fits any; the paper's batch of 12 where there is memory for it."""
+    """One pair fits any; half of the paper's batch of 12, as --accumulate 2 takes it, where there is memory for it."""
     model = M3Depth(PAPER).cuda().train()
-    model.recompute = True
-    batch = 12 if torch.cuda.get_device_properties(0).total_memory > 75e9 else 1
+    batch = 6 if torch.cuda.get_device_properties(0).total_memory > 75e9 else 1
     with torch.autocast("cuda", torch.bfloat16):
         loss = training_loss(model, 512, batch)
     loss.backward()
