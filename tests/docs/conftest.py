@@ -49,3 +49,9 @@ def compare_methods(manifest_summary):
 def receptive_field():
     """docs/receptive_field.py."""
     return _script("receptive_field")
+
+
+@pytest.fixture(scope="session")
+def refinement_steps():
+    """docs/refinement_steps.py."""
+    return _script("refinement_steps")
