@@ -4,7 +4,8 @@
 
 The paper gives two figures, for one image of Mars and one of Earth: the entropy of local binary patterns, about 3.1 and
 3.7 bits, and the share of the Fourier energy above 0.1 f_max, under 5 % and 32 %. It does not define them. Ours are
-those of the whole 8-bit grey image (Rec. 601), sky and frame included:
+those of the whole grey image (Rec. 601), sky and frame included, in 8 bits. 16-bit images are scaled as m3depth.predict
+scales them, so that one pixel in a thousand is white:
 
     lbp_riu2    [bits] entropy of the histogram of rotation-invariant uniform patterns of 8 neighbours on a circle of
                 radius 1 px, bilinear; a neighbour counts if it is at least as bright as the middle (Ojala et al. 2002):
@@ -38,14 +39,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 import tyro
 
-from m3depth.datasets.image_files import decode_image
+from m3depth.datasets.image_files import in_eight_bits, read_image
 from m3depth.evaluation.metrics import texture_poor
 from m3depth.figures.texture import GRADIENTS, TextureExample, gradient_shares, texture_figure
-from m3depth.stereo.pairs import spread
+from m3depth.stereo.pairs import in_grey, spread
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
@@ -163,7 +163,7 @@ def measure(grey: np.ndarray) -> dict[str, float | None]:
 
 
 def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield name and (H, W) uint8 grey image of each image, once.
+    """Yield name and (H, W) uint8 grey image of each image, once; 16-bit images are scaled as by read_pair.
 
     Args:
         paths: Image files, folders of images, or datasets.
@@ -178,7 +178,7 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
         if (path / "dataset.json").is_file():
             dataset = StereoDataset(path)
             for i in spread(len(dataset), limit):
-                yield f"{path}/{dataset.names[i]}", cv2.cvtColor(dataset[i].left, cv2.COLOR_RGB2GRAY)
+                yield f"{path}/{dataset.names[i]}", in_grey(dataset[i].left)
             continue
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file or folder")
@@ -189,10 +189,8 @@ def find_images(paths: Sequence[Path], limit: int) -> Iterator[tuple[str, np.nda
             if files[i].resolve() in read:  # given by itself, and with its folder
                 continue
             read.add(files[i].resolve())
-            grey = decode_image(files[i].read_bytes(), cv2.IMREAD_GRAYSCALE)
-            if grey is None:
-                raise ValueError(f"{files[i]}: not a readable image")
-            yield str(files[i]), grey
+            (image,) = in_eight_bits(read_image(files[i]))
+            yield str(files[i]), in_grey(image)
 
 
 def analyse(options: TextureOptions) -> dict[str, Any]:

@@ -46,12 +46,18 @@ def as_pair(a: np.ndarray, b: np.ndarray, left: str, right: str) -> tuple[np.nda
         raise ValueError(
             f"{left} is {a.dtype}, {right} is {b.dtype}: both images of a pair must have 8 bits, or both 16"
         )
-    if a.dtype == np.uint16:
-        white = max(1.0, *(float(np.percentile(image, BRIGHT)) for image in (a, b)))
-        a, b = (np.round(np.minimum(image * (255 / white), 255)).astype(np.uint8) for image in (a, b))
+    a, b = in_eight_bits(a, b)
     if a.ndim != b.ndim:
         a, b = in_colour(a), in_colour(b)
     return np.ascontiguousarray(a), np.ascontiguousarray(b)
+
+
+def in_eight_bits(*images: np.ndarray) -> list[np.ndarray]:
+    """Return images as uint8, those of uint16 scaled by one factor; all have one of the two types, and any size."""
+    if images[0].dtype == np.uint8:
+        return [*images]
+    white = max(1.0, *(float(np.percentile(image, BRIGHT)) for image in images))
+    return [np.round(np.minimum(image * (255 / white), 255)).astype(np.uint8) for image in images]
 
 
 def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:

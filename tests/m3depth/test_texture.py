@@ -113,6 +113,15 @@ def test_the_command_measures_the_left_images_of_a_dataset(tmp_path):
     assert group["images"][0]["high"] == pytest.approx(measure(cv2.cvtColor(sample.left, cv2.COLOR_RGB2GRAY))["high"])
 
 
+def test_16_bit_images_are_scaled_before_they_are_measured(tmp_path):
+    """Radiance of 12 bits in a file of 16 would fill 16 of 256 grey levels."""
+    image = np.random.default_rng(0).integers(0, 256, (64, 64), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "8.png"), image)
+    cv2.imwrite(str(tmp_path / "16.png"), image.astype(np.uint16) * 16)
+    eight, sixteen = (measure(grey) for _, grey in find_images([tmp_path / "8.png", tmp_path / "16.png"], 10))
+    assert sixteen == pytest.approx(eight, rel=0.01)
+
+
 def test_an_image_that_is_given_twice_counts_once(tmp_path):
     for number in range(3):
         image = np.random.default_rng(number).integers(0, 255, (20, 30), dtype=np.uint8)
