@@ -118,12 +118,12 @@ def measure(options: Options) -> tuple[dict[str, dict[str, np.ndarray]], list[st
         sample = pairs[index]
         for label, network in networks.items():
             steps = network.infer_steps(sample.left, sample.right, sample.rig)
-            of_pair = dict(zip(titles(steps), (errors(step.disparity, sample) for step in steps), strict=True))
-            if rows[label] and rows[label].keys() != of_pair.keys():
+            by_step = dict(zip(titles(steps), (errors(step.disparity, sample) for step in steps), strict=True))
+            if rows[label] and rows[label].keys() != by_step.keys():
                 raise ValueError(
                     f"{pair_name(pairs, index)}: is not of the size of the first pair; give pairs of one size"
                 )
-            for title, values in of_pair.items():
+            for title, values in by_step.items():
                 rows[label].setdefault(title, []).append(values)
     arrays = {label: {step: np.array(values) for step, values in steps.items()} for label, steps in rows.items()}
     return arrays, [pair_name(pairs, index).rpartition("/")[0] for index in chosen]

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -8,7 +9,7 @@ from m3depth import M3Depth
 from m3depth.evaluation.cost import measured
 from m3depth.network.device import fast_dtype
 from m3depth.stereo.classical import SGBM
-from m3depth.training.config import TrainConfig
+from m3depth.training.config import TrainConfig, recipe_defaults
 from m3depth.training.loop import backward
 from m3depth.training.run import Run
 from m3depth.training.samples import PackedCache, make_batch
@@ -51,19 +52,25 @@ def test_training_step_and_its_loading(clock, capsys, tmp_path):
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize(
-    ("preset", "batch", "crop", "parts"), [("lite", 64, (256, 448), 1), ("paper", 12, (512, 512), 2)]
+    ("preset", "recipe", "batch", "parts"),
+    [("lite", "own", 64, 1), ("paper", "paper", 12, 2), ("paper", "paper", 12, 3), ("paper", "own", 4, 1)],
 )
-def test_training_step_on_a_gpu(clock, capsys, tmp_path, preset, batch, crop, parts):
-    """lite with a batch that fills the card; the paper's preset at its own size and batch, in two parts."""
-    config = TrainConfig(data=(tmp_path,), out=tmp_path, max_steps=1, device="cuda", preset=preset, batch=batch,
-                         crop=crop, accumulate=parts)  # fmt: skip
+def test_training_step_on_a_gpu(clock, capsys, tmp_path, preset, recipe, batch, parts):
+    """lite with a batch that fills the card; the paper's preset by its own recipe, in parts, and by that of lite."""
+    own = TrainConfig(data=(tmp_path,), out=tmp_path)
+    config = replace(
+        recipe_defaults(["--recipe", recipe]) or own, data=own.data, out=own.out, max_steps=1, device="cuda",
+        preset=preset, batch=batch, accumulate=parts,
+    )  # fmt: skip
+    torch.cuda.reset_peak_memory_stats()
     step = training_step(config, PackedCache([random_sample(seed) for seed in range(2)], 1 << 30))
 
     def whole():
         step()
         torch.cuda.synchronize()
 
-    stepping = clock(f"M3Depth {preset}, a training step of {batch} crops of {crop[0]} x {crop[1]}", whole)
+    size = " x ".join(map(str, config.crop))
+    stepping = clock(f"M3Depth {preset}, a training step of {batch} crops of {size}, --accumulate {parts}", whole)
     with capsys.disabled():
         held = torch.cuda.max_memory_allocated() / 2**30
         print(f"\n{batch / stepping:.1f} crops/s, {held:.1f} GiB, {torch.cuda.get_device_name()}", end="")
