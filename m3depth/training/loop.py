@@ -263,9 +263,10 @@ def check_state(run: Run, batch: Batch, dtype: torch.dtype | None, world: int = 
     """
     fault = weight_fault(run.model)
     if fault is None:
-        with torch.no_grad(), autocast(batch.left.device, dtype):
-            output = run.model(*network_inputs(batch, run.model.takes_truth))
-        fault = loss_fault(total_loss(output, batch.target, run.config.loss)[0], run.config.loss)
+        for part in batch.split(run.config.accumulate):  # the whole batch need not fit into memory
+            with torch.no_grad(), autocast(part.left.device, dtype):
+                output = run.model(*network_inputs(part, run.model.takes_truth))
+            fault = fault or loss_fault(total_loss(output, part.target, run.config.loss)[0], run.config.loss)
     raise_if_diverged(fault, run, world)
 
 

@@ -283,6 +283,20 @@ def test_accumulated_gradients_are_the_mean_of_the_parts(plane_samples, tmp_path
         torch.testing.assert_close(gradient, parameter.grad)
 
 
+def test_no_network_sees_more_than_a_part_of_a_batch(plane_samples, tmp_path, monkeypatch) -> None:
+    """Neither in a step nor in the check before the weights are saved: the whole batch may not fit into memory."""
+    sizes = []
+    real = M3Depth.forward
+
+    def counted(self, left, *more):
+        sizes.append(len(left))
+        return real(self, left, *more)
+
+    monkeypatch.setattr(M3Depth, "forward", counted)
+    train(config_for(tmp_path, max_steps=1, accumulate=2, validate_every=0), plane_samples, [])
+    assert sizes == [1, 1, 1, 1]
+
+
 def test_recomputed_activations_give_the_same_gradients(plane_samples, tmp_path) -> None:
     plain, loss = gradients(plane_samples, config_for(tmp_path))
     again, same = gradients(plane_samples, config_for(tmp_path, recompute=True))
