@@ -109,7 +109,13 @@ def measure(options: Options) -> tuple[dict[str, dict[str, np.ndarray]], list[st
         ValueError: The split holds no pairs, or a network takes other steps on some pairs than on others.
     """
     networks = load_networks(options)
-    pairs = JoinedPairs([open_pairs(folder, options.split, options.reader) for folder in options.data])
+    parts = [open_pairs(folder, options.split, options.reader) for folder in options.data]
+    pairs = JoinedPairs(parts)
+    scenes = [  # each dataset has its own, whatever its folder is called
+        f"{folder}/{pair_name(part, index).rpartition('/')[0]}"
+        for folder, part in zip(options.data, parts)
+        for index in range(len(part))
+    ]
     chosen = spread(len(pairs), options.limit)
     if not chosen:
         raise ValueError(f"--data {' '.join(map(str, options.data))}: split {options.split} holds no pairs")
@@ -126,7 +132,7 @@ def measure(options: Options) -> tuple[dict[str, dict[str, np.ndarray]], list[st
             for title, values in by_step.items():
                 rows[label].setdefault(title, []).append(values)
     arrays = {label: {step: np.array(values) for step, values in steps.items()} for label, steps in rows.items()}
-    return arrays, [pair_name(pairs, index).rpartition("/")[0] for index in chosen]
+    return arrays, [scenes[index] for index in chosen]
 
 
 def summary(errors_of: np.ndarray, scenes: Sequence[str]) -> dict[str, dict[str, Any]]:

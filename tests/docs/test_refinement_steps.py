@@ -86,6 +86,15 @@ def test_the_command_writes_the_error_after_each_step_of_each_network(refinement
     assert cv2.imread(str(out / "steps.png")).std() > 10
 
 
+def test_datasets_of_one_folder_name_have_scenes_of_their_own(refinement_steps, pairs, tmp_path, monkeypatch):
+    flat = StepMap("step 1", (64, 128), pairs[0].disparity)
+    network = SimpleNamespace(infer_steps=lambda left, right, rig: [flat])
+    monkeypatch.setattr(refinement_steps, "load_networks", lambda options: {"a": network})
+    assert refinement_steps.main(["--data", "one/gale", "two/gale", "--out", str(tmp_path)]) == 0
+    record = read_json(tmp_path / "steps.json")
+    assert (record["pairs"], record["scenes"]) == (6, 4)
+
+
 def test_the_figure_begins_where_a_network_has_a_first_map(refinement_steps, tmp_path, drawn_figures):
     of_step = {kind: {"epe_px": 1.0, "interval": [1.0, 1.0]} for kind in refinement_steps.KINDS.values()}
     content = {"a": {"first map": of_step, "step 1": of_step}, "b": {"step 1": of_step, "step 2": of_step}}
