@@ -7,9 +7,9 @@ SCORES is the --out of docs/scoring/score_manifest.py, whose call had the weight
 beside them, such as SGBM, are in the tables too. OUT/records gets a file for each method (method_records.py), and
 another call takes such files beside scores or without them, from trainings on other days or machines. All methods must
 have been scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs.
-Rows of a method that got the true depth are marked, and come last. --out gets methods.md, methods.json,
-error_by_depth_SET.png and curves.png too. The time and memory of a network are measured by this command, with random
-weights.
+Rows of a method for normals say whose depth it got; those with the true depth come last. --out gets methods.md,
+methods.json, error_by_depth_SET.png and curves.png too. The time and memory of a network are measured by this command,
+with random weights.
 """
 
 from __future__ import annotations
@@ -37,12 +37,11 @@ from method_records import (
     record_of_run,
     scored_methods,
 )
-from methods_page import markdown
+from methods_page import markdown, titled
 from training_curves import curves_figure
 
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
-from m3depth.evaluation.report import marked
 from m3depth.figures.errors import interval_figure
 from m3depth.kinds.config import config_from_dict
 from m3depth.kinds.networks import new_network
@@ -273,7 +272,8 @@ def work(options: Options) -> None:
         "sets": compared(records, named[reference]),
     }
     for name, part in content["sets"].items():
-        interval_figure(dict(marked(part["intervals"])), options.out / f"error_by_depth_{name}.png", NATECAM.fb)
+        shown = titled(part["intervals"], content["runs"])
+        interval_figure(shown, options.out / f"error_by_depth_{name}.png", NATECAM.fb)
     if trained:
         curves_figure({name: run["training"] for name, run in trained.items()}, options.out / "curves.png")
     write_json(options.out / "methods.json", content, sort_keys=False)

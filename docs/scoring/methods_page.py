@@ -17,7 +17,7 @@ DIGEST = 12  # shown characters of a digest
 
 def markdown(content: Mapping[str, Any]) -> str:
     """Return the page. Its tables put the method of the lowest Abs Rel first, and those with the true depth last."""
-    runs = marked(content["runs"])
+    runs = titled(content["runs"], content["runs"])
     lines = ["# Methods compared", "", "Means over images, with 95 % intervals over scenes:", "", *_summary(content)]
     if runs:
         lines += [
@@ -27,7 +27,7 @@ def markdown(content: Mapping[str, Any]) -> str:
         ]
         lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs), "", _scored_by(content["commits"])]
     for name, part in content["sets"].items():
-        lines += _set_section(name, part, content["reference"])
+        lines += _set_section(name, part, content["runs"], content["reference"])
     return "\n".join([*lines, ""])
 
 
@@ -46,7 +46,7 @@ def _summary(content: Mapping[str, Any]) -> list[str]:
             + ", planes fitted" * scored[label]["normals_are_fitted"],
             *((f"{runs[label]['seconds']:.2f}", _millions(runs[label])) if label in runs else ("-", "-")),
         ]
-        for label, title in sorted(_titles(sets[first]).items(), key=lambda item: _rank(sets[first], item[0]))
+        for label, title in sorted(_titles(sets[first], runs).items(), key=lambda item: _rank(sets[first], item[0]))
     ]
     headings = [f"{title}, {name}" for name, _, title in columns]
     return table(["method", *headings, "s for a pair", "parameters"], rows)
@@ -97,9 +97,9 @@ def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:
     return ", ".join(dict.fromkeys(str(start.get(key, "-"))[:DIGEST] for start in starts)) or "-"
 
 
-def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str]:
+def _set_section(name: str, part: Mapping[str, Any], runs: Mapping[str, Any], reference: str) -> list[str]:
     """Return the tables of a set."""
-    titles = _titles(part)
+    titles = _titles(part, runs)
     of_planes = {k: t + ", planes fitted" * part["intervals"][k]["normals_are_fitted"] for k, t in titles.items()}
     order = sorted(part["metrics"], key=partial(_rank, part))
     lines = ["", f"## {name}", ""]
@@ -123,9 +123,23 @@ def _set_section(name: str, part: Mapping[str, Any], reference: str) -> list[str
     return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]
 
 
-def _titles(part: Mapping[str, Any]) -> dict[str, str]:
+def titled(results: Mapping[str, Any], runs: Mapping[str, Any]) -> dict[str, Any]:
+    """Return results of methods by the names that the page has for them, which say whose depth a method is given.
+
+    Args:
+        results: By method, with "gets_truth".
+        runs: By method that was trained, with "on_m3depth".
+    """
+    titles = {}
+    for label, (title, result) in zip(results, marked(dict(results)).items(), strict=True):
+        given = label in runs and runs[label]["on_m3depth"]
+        titles[f"{title}, given M3Depth's depth" if given else title] = result
+    return titles
+
+
+def _titles(part: Mapping[str, Any], runs: Mapping[str, Any]) -> dict[str, str]:
     """Return the names of the methods of a set as the tables have them."""
-    return dict(zip(part["intervals"], marked(part["intervals"]), strict=True))
+    return dict(zip(part["intervals"], titled(part["intervals"], runs), strict=True))
 
 
 def _rank(part: Mapping[str, Any], label: str) -> tuple[bool, float]:
