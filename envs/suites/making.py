@@ -7,16 +7,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from envs.courses.course import series_seed
-from envs.suites.conditions import CONDITIONS, Values
+from envs.suites.conditions import CONDITIONS, OF_EYES, Values
 from envs.suites.suite import FORMAT, build_course, episode_values
 from envs.world.eyes import EyesConfig
-from marssim.base.version import VERSION
+from marssim.base.version import RELEASE
 
 # What all conditions start from: as many rocks as at Viking 2, so that a rover has to steer round them
 BASE: Values = {"scene": "utopia", "k": 0.15}
 DRIVE = {"dynamics": "kinematic", "renderer": "embree", "align_rows": True, "slip": None}
 SEEDS = {"dev": 1001, "test": 2002}
-OF_GROUND = ("scene", "goal_distance", "k", "slope_deg", "ditch")  # values on which ground, rocks and way depend
 
 
 def suite_conditions(base: Values = BASE) -> dict[str, Values]:
@@ -49,17 +48,17 @@ def make_suite(
     for split, values in splits.items():
         for number in range(values["courses"]):
             seed = series_seed(values["seed"], number)
-            drawn: dict[str, dict[str, Any]] = {}  # light and lenses do not change the ground
+            drawn: dict[str, dict[str, Any]] = {}  # the eyes do not change the scene
             for condition, settings in conditions.items():
-                ground = {key: settings[key] for key in OF_GROUND if key in settings}
-                key = json.dumps(ground, sort_keys=True)
+                seen = {key: value for key, value in settings.items() if key not in OF_EYES}
+                key = json.dumps(seen, sort_keys=True)
                 if key not in drawn:
-                    drawn[key] = episode_values(build_course(ground, seed))
+                    drawn[key] = episode_values(build_course(seen, seed))
                 episode = {"split": split, "condition": condition, "course": number, "seed": seed}
                 episodes.append(episode | drawn[key])
                 advance()
     return {
-        "suite": name, "format": FORMAT, "made_with": VERSION, "drive": dict(drive), "splits": dict(splits),
+        "suite": name, "format": FORMAT, "made_with": RELEASE, "drive": dict(drive), "splits": dict(splits),
         "conditions": dict(conditions), "episodes": episodes,
     }  # fmt: skip
 

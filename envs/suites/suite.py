@@ -4,12 +4,13 @@ A suite is one JSON file:
 
     suite         its name, with its version
     format        1, the version of this layout
-    made_with     the release of the simulator that built its scenes
+    made_with     the release of the simulator that builds its scenes
     drive         dynamics, renderer, align_rows and slip of every drive
     splits        by name: the seed of its courses, and how many there are
     conditions    by name: the values under which it is driven (envs.suites.conditions)
     episodes      one for each split, condition and course: the seed of the scene, start [x m, y m, yaw rad], goal [x m,
-                  y m], length of the shortest way [m], and the two digests of the scene (envs.suites.digest)
+                  y m], length of the shortest way [m], the two digests of the scene's ground and rocks
+                  (envs.suites.digest), and its look: sun, air and surface (envs.suites.drawn_look)
 
 suite.schema.json beside this file describes every value. Names become parts of file names and of pages, so they have
 letters, digits, "_", "." and "-" only.
@@ -28,9 +29,10 @@ from typing import Any
 
 import numpy as np
 
-from envs.courses.course import Course, CourseConfig, draw_course
+from envs.courses.course import Course, CourseConfig, draw_course, series_seed
 from envs.suites.conditions import Values, under
 from envs.suites.digest import scene_digests
+from envs.suites.drawn_look import look_values, same_look
 from envs.world.eyes import EyesConfig
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
@@ -54,7 +56,7 @@ class Suite:
     sha256: str
     """SHA-256 of the file."""
     made_with: str
-    """Release of the simulator that built its scenes."""
+    """Release of the simulator that builds its scenes."""
     drive: Mapping[str, Any]
     """Settings of every drive: dynamics, renderer, align_rows and slip."""
     splits: Mapping[str, Mapping[str, int]]
@@ -83,7 +85,7 @@ class Suite:
         """
         episode = self.episodes[split, condition, number]
         built = episode_values(course)
-        if differing := [name for name in ("start", "goal", "shortest", "scene") if not _same(name, built, episode)]:
+        if differing := [name for name in built if not _same(name, built, episode)]:
             raise DatasetError(
                 f"suite {self.name}: this simulator builds another course {number} of {split}, {condition} "
                 f"({', '.join(differing)} differ); drive it with release {self.made_with}, or take a newer suite"
@@ -134,12 +136,13 @@ def build_course(values: Values, seed: int) -> Course:
 
 
 def episode_values(course: Course) -> dict[str, Any]:
-    """Return what a suite holds of a course: start, goal, shortest and scene."""
+    """Return what a suite holds of a course: start, goal, shortest, scene and look."""
     return {
         "start": [round(float(value), 3) for value in course.start],
         "goal": [round(float(value), 3) for value in course.goal],
         "shortest": round(course.shortest, 3),
         "scene": list(scene_digests(course.scene)),
+        "look": look_values(course.scene.look),
     }
 
 
@@ -151,6 +154,8 @@ def _settings_under(values: Values) -> tuple[SceneConfig, CourseConfig, EyesConf
 def _same(name: str, built: Mapping[str, Any], episode: Mapping[str, Any]) -> bool:
     if name == "scene":
         return any(a == b for a, b in zip(built["scene"], episode["scene"], strict=True))
+    if name == "look":
+        return same_look(built["look"], episode["look"])
     most = SAME_WAY if name == "shortest" else SAME_PLACE
     return bool(np.abs(np.subtract(built[name], episode[name])).max() <= most)
 
@@ -167,10 +172,18 @@ def _read(path: Path, stamp: int) -> Suite:
         except ValueError as error:
             raise DatasetError(f"suite {path}: conditions, {name}: {str(error).replace('`', '')}") from None
     episodes: dict[tuple[str, str, int], Mapping[str, Any]] = {}
-    for each in content["episodes"]:
+    for n, each in enumerate(content["episodes"]):
         key = each["split"], each["condition"], each["course"]
         if key in episodes:
             raise DatasetError(f"suite {path}: course {key[2]} of {key[0]}, {key[1]}, appears twice")
+        if key[0] not in content["splits"] or key[1] not in content["conditions"]:
+            raise DatasetError(
+                f"suite {path}: episodes[{n}] is of {key[0]}, {key[1]}, which the file does not describe"
+            )
+        if each["seed"] != (seed := series_seed(content["splits"][key[0]]["seed"], key[2])):
+            raise DatasetError(
+                f"suite {path}: episodes[{n}].seed must be {seed}, as follows from that of {key[0]}, got {each['seed']}"
+            )
         episodes[key] = each
     for split, values in content["splits"].items():
         for condition in content["conditions"]:

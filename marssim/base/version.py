@@ -16,5 +16,6 @@ def _installed_version() -> str:
 
 
 VERSION = _installed_version()
+RELEASE = VERSION.partition(".dev")[0]  # the release that this version is, or leads to
 VERSION_FLAG = "--version"  # a flag of every command
 VERSION_LINE = f"{DISTRIBUTION} {VERSION}"  # what the flag prints

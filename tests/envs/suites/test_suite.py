@@ -30,7 +30,7 @@ def test_the_course_of_an_episode_is_that_of_the_suite(suite):
     course = build_course(suite.conditions["clear"], suite.episodes["dev", "clear", 1]["seed"])
     suite.check_scene("dev", "clear", 1, course)
     with pytest.raises(
-        DatasetError, match=r"builds another course 0 of dev, clear .start, goal, shortest, scene differ"
+        DatasetError, match=r"builds another course 0 of dev, clear .start, goal, shortest, scene, look differ"
     ):
         suite.check_scene("dev", "clear", 0, course)
     assert episode_values(course)["scene"] == suite.episodes["dev", "rare_looks", 1]["scene"]
@@ -40,6 +40,14 @@ def test_a_simulator_that_builds_another_scene_is_noticed(suite):
     values = {**suite.conditions["clear"], "k": 0.05}
     course = build_course(values, suite.episodes["dev", "clear", 0]["seed"])
     with pytest.raises(DatasetError, match=r"^suite small-v1: .*scene differ.*; drive it with release "):
+        suite.check_scene("dev", "clear", 0, course)
+
+
+def test_a_simulator_that_draws_another_light_is_noticed(suite):
+    course = build_course(
+        {**suite.conditions["clear"], "optical_depth": 2.0}, suite.episodes["dev", "clear", 0]["seed"]
+    )
+    with pytest.raises(DatasetError, match=r"another course 0 of dev, clear \(look differ\); drive it with release "):
         suite.check_scene("dev", "clear", 0, course)
 
 
@@ -55,7 +63,7 @@ def test_the_suite_of_the_package_is_that_of_its_conditions_and_builds_its_scene
     assert suite.conditions == suite_conditions() and {name: v["courses"] for name, v in suite.splits.items()} == {
         "dev": 20, "test": 20
     }  # fmt: skip
-    for condition, course in (("storm", 0), ("ditch", 1)):
+    for condition, course in (("storm", 0), ("ditch", 1), ("into_sun", 0)):
         seed = suite.episodes["dev", condition, course]["seed"]
         suite.check_scene("dev", condition, course, build_course(suite.conditions[condition], seed))
 
@@ -88,6 +96,9 @@ def test_true_depth_has_the_pixels_of_the_eyes():
         (lambda c: c.update(conditions=3), "conditions must be of type object, got 3"),
         (lambda c: c["episodes"].pop(), "course 0 of test, rare_looks, is missing"),
         (lambda c: c["episodes"][3].pop("seed"), r"episodes\[3\] has no seed"),
+        (lambda c: c["episodes"][0].update(seed=7), r"episodes\[0\].seed must be \d+, as follows from .* dev, got 7"),
+        (lambda c: c["episodes"][1].update(split="a"), r"episodes\[1\] is of a, rare_looks, which the file does not"),
+        (lambda c: c["episodes"][2]["look"].pop("texture_seed"), r"episodes\[2\].look has no texture_seed"),
         (lambda c: c["episodes"][3].update(course=[1]), r"episodes\[3\].course must be of type integer"),
         (lambda c: c["episodes"][3].update(goal=[1]), r"episodes\[3\].goal must have 2 items, got 1"),
         (lambda c: c["splits"].update(dev=3), "splits.dev must be of type object, got 3"),
