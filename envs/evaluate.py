@@ -94,6 +94,7 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     _run(config, missing)
     content, records = write_results(config, driven_by, test_errors)
     _film(config, tasks, records)
+    write_results_page(config.out, content, records, [task.file for task in tasks])  # again, with the films
     _write_bags(config, tasks, records)
     return content
 

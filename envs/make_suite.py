@@ -103,7 +103,10 @@ def write_suite(config: MakeSuiteConfig) -> Path:
 
 def _passphrase(config: MakeSuiteConfig) -> str:
     assert config.passphrase_file is not None
-    return config.passphrase_file.read_text(encoding="utf-8").strip()
+    try:
+        return config.passphrase_file.read_text(encoding="utf-8").strip()
+    except UnicodeDecodeError:
+        raise ValueError(f"--passphrase-file {config.passphrase_file}: is no text in UTF-8") from None
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -69,6 +69,8 @@ class Frame:
     """Images of both eyes, (H, W, 3) uint8 RGB, or None. The navigator does not need them."""
     time: float = 0.0
     """When the images were taken [s]. Only a bag needs it."""
+    true_body: np.ndarray | None = None
+    """(4, 4) true pose of the rover, body to world, if `camera_pose` is that of its odometry. Only a bag needs it."""
 
     def body(self, spec: RoverSpec = ZHURONG) -> np.ndarray:
         """Return the pose of the rover, (4, 4) body to world, whose mount puts the camera at its pose."""
@@ -128,7 +130,9 @@ def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command
         bag.write_images(stamp, *frame.images, frame.rig)
     if frame.depth is not None:
         bag.write_depth(stamp, frame.depth, frame.rig.camera)
-    bag.write_pose(stamp, body, frame.camera_pose, frame.rig.baseline)
+    true = body if frame.true_body is None else frame.true_body
+    eye = true @ navigator.spec.mount.left_eye(frame.rig.baseline, frame.pan)
+    bag.write_pose(stamp, true, eye, frame.rig.baseline, believed=body)
     write_decision(bag, stamp, command.status, command.speed, command.yaw_rate, body, navigator)
 
 
@@ -138,18 +142,19 @@ def _stamp(frame: Frame) -> int:
 
 
 def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
-    """Yield the frames of a drive that envs.evaluate recorded, at the poses that the odometry gave.
+    """Yield the frames of a drive that envs.evaluate recorded, at the poses that the odometry gave, without images.
 
     Raises:
         DatasetError: A picture of the drive is broken.
     """
     for n, step in enumerate(drive.steps):
-        body = np.vstack([step["believed_pose"], [0, 0, 0, 1]])
+        body, true = (np.vstack([step[name], [0, 0, 0, 1]]) for name in ("believed_pose", "pose"))
         camera_pose = body @ spec.mount.left_eye(drive.rig.baseline, step["pan"])
         depth, confidence = drive.depth(n), drive.confidence(n)
         if step["looked"] and depth is None:
             raise DatasetError(f"{drive.path}: steps[{n}] has no depth, although the rover looked there")
-        yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"])
+        time = n * drive.content["step_seconds"]
+        yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"], time=time, true_body=true)
 
 
 @dataclass(frozen=True)
@@ -163,10 +168,10 @@ class ReplayConfig:
     """Goal in metres ahead and metres to the left of the first image. Left out: 20 m ahead, or the goal of the drive in
     a file."""
     scene: int = 0
-    """Number of the scene in the dataset; each scene is one drive."""
+    """Number of the scene in the dataset; each scene is one drive. The file of a drive has no number."""
     bag: Path | None = None
-    """ROS 2 bag to write, a new folder: images, depth, planned path, command, status and pose of each frame. It needs
-    the extra `real`."""
+    """ROS 2 bag to write, a new folder: images, depth, planned path, command, status and pose of each frame. The images
+    of a drive's file are reduced, and are left out. It needs the extra `real`."""
     view: bool = False
     """At the end, show the drive on a page in the browser, until Ctrl-C: for each frame the cloud, also coloured by
     traversability, the navigator's map and the motion that it chose. It needs the extra `view`."""
@@ -188,6 +193,8 @@ def _work(config: ReplayConfig) -> None:
         check_installed(config.bag)
         check_new(config.bag)
     if config.data.is_file():
+        if config.scene:
+            raise ValueError(f"--scene is for a dataset; {config.data} holds one drive")
         drive = read_drive(config.data)
         frames, title = list(driven(drive)), config.data.name
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)

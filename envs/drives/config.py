@@ -14,7 +14,7 @@ from envs.courses.course import CourseConfig
 from envs.drivers.by_name import check_driver_name
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.place_note import place_note
-from envs.suites.conditions import CONDITIONS, condition_values, with_look
+from envs.suites.conditions import CONDITIONS, condition_values, course_under, with_look
 from envs.suites.suite import suite_note
 from envs.world.arguments import ERROR_LIMITS
 from envs.world.eyes import EyesConfig
@@ -32,10 +32,12 @@ from marssim.scene.scene import SceneConfig
 LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip
+DEV = "dev"  # the split to choose settings by
 MOST_BYTES = 120  # of the names of driver and perception in the name of a record's file
 CONDITION_HELP = (
     f"Conditions to drive under, each a physical cause by name: {', '.join(CONDITIONS)} (envs.suites.conditions). "
-    "Their values replace those of the other flags. With --suite: some of its conditions; left out, all of them."
+    "Their values replace those of the other flags; one with rocks or a slope of its own is refused beside --k or "
+    "--slope-deg. With --suite: some of its conditions; left out, all of them."
 )
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)  # rock abundances of --grid
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)  # [deg] slopes of --grid
@@ -89,7 +91,7 @@ class EvaluateConfig:
     suite: str | None = None
     """Suite of episodes to drive: the name of one in the package (marsnav-v1), or the JSON file of one. It fixes the
     courses and the conditions, and refuses a simulator that builds other scenes."""
-    split: str = "dev"
+    split: str = DEV
     """Split of the suite: dev to choose settings by, test to report, or what a file of yours has."""
     shard: str | None = None
     """Drive one part of N of the courses, as 2/8 for the second of eight, 1 or more. All parts have the same settings
@@ -164,8 +166,8 @@ class EvaluateConfig:
             raise ValueError(f"--slip-measured must lie in [0, 1], got {self.slip_measured}")
         if self.slip_measured and self.slip is None:
             raise ValueError("--slip-measured needs --slip, as no wheel slips without it")
-        for name in self.condition if self.suite is None else ():
-            condition_values(name)  # raises ValueError for an unknown name
+        if self.suite is None:
+            self._check_conditions()
         shard_of(self.shard)  # likewise for anything but I/N
         for name in LOOK_FLAGS:
             low, high = LOOK_LIMITS[name]
@@ -183,6 +185,18 @@ class EvaluateConfig:
         self.scene_config()  # raises ValueError for a value out of range
         for cell in self.cells:
             self.course_config(cell.k, cell.slope_deg)  # raises ValueError for a value out of range
+
+    def _check_conditions(self) -> None:
+        """Raise ValueError for a condition that is unknown, or does not go with other flags; without a suite."""
+        if self.split != DEV:
+            raise ValueError("--split needs --suite, which has the splits")
+        for name in self.condition:
+            values = condition_values(name)
+            for flag in ("k", "slope_deg"):
+                if flag in values and (self.grid or getattr(self, flag)):
+                    given = "grid" if self.grid else flag.replace("_", "-")
+                    raise ValueError(f"--{given} does not go with --condition {name}, which has its own {flag}")
+            course_under(values, CourseConfig(self.goal_distance, into_sun=self.into_sun, ditch=self.ditch))
 
     @property
     def courses(self) -> int:

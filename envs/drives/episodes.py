@@ -116,8 +116,8 @@ class EpisodeRecord:
     near_miss: bool = False
     """Whether there was no collision, but the clearance was below NEAR_MISS."""
     slip: float | None = None
-    """Share of the wheels' way that the rover did not make, mean over the steps; below 0 if it slid downhill. None for
-    wheels that do not slip."""
+    """Share of the wheels' way that the rover did not make, mean over the steps in which it was to drive; below 0 if it
+    slid downhill. None for wheels that do not slip, and for a drive without such a step."""
     energy: float | None = None
     """Energy of the wheels' motors [J]; None for wheels that do not slip."""
     code: str = ""
@@ -264,7 +264,7 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
         log.seconds += perf_counter() - begin
         log.perception_seconds += info["perception_seconds"]
         log.reward += float(reward)
-        log.slips.append(info.get("slip"))
+        log.slips.append(info.get("slip") if env.last_action[:2].any() else None)
         log.note_step(env, info)
         done = terminated or truncated
         if watch:

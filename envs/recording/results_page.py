@@ -27,7 +27,11 @@ COLUMNS = {
     "collisions": lambda row: f"{100 * row['collision_rate']:.0f} %",
     "Abs Rel": lambda row: "-" if row["abs_rel"] is None else f"{row['abs_rel']:.4f}",
 }
-HOW_TO_RECORD = "No drive is recorded. The same command with --record failures, or --record all, records them."
+HOW_TO_RECORD = {
+    "none": "No drive is recorded. The same command with --record failures, or --record all, records them.",
+    "failures": "No drive failed, so that none is recorded. The same command with --record all records them all.",
+    "all": "",
+}
 
 
 def write_results_page(
@@ -68,7 +72,7 @@ def write_results_page(
 <p class="note">{escape(settings(content["driven_with"]).strip())}</p>
 {"".join(sections)}
 <p class="note">{escape(LEGEND)}</p>
-<p>{_files(out, bool(pages))}</p>
+<p>{_files(out)} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
 </main>
 </body>
 </html>
@@ -124,9 +128,10 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, take it apart</a></td>'
 
 
-def _files(out: Path, recorded: bool) -> str:
-    """Return links to the other files of the evaluation, and how to record drives where none is recorded."""
-    names = ["results.json", "results.md", "success.png", *(f"maps/{p.name}" for p in sorted((out / "maps").glob("*")))]
-    names += [name for name in ("best.mp4", "worst.mp4") if (out / name).is_file()]
+def _files(out: Path) -> str:
+    """Return links to the other files of the evaluation."""
+    names = ["results.json", "results.md", "success.png"]
+    for pattern in ("maps/*", "best.mp4", "worst.mp4", "videos/*.mp4"):
+        names += [path.relative_to(out).as_posix() for path in sorted(out.glob(pattern))]
     links = ", ".join(f'<a href="{escape(name)}">{escape(name)}</a>' for name in names)
-    return f"Beside this page: {links}. {'' if recorded else HOW_TO_RECORD}"
+    return f"Beside this page: {links}."

@@ -134,6 +134,9 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--drift", "1.1"], "--drift must lie in [0, 1], got 1.1"), (["--disparity-noise", "11"], "--disparity-noise"),
         (["--slip", "sand", "--slip-measured", "1.5"], "--slip-measured must lie in [0, 1], got 1.5"),
         (["--slip-measured", "0.5"], "--slip-measured needs --slip"), (["--slip", "mud"], "--slip"),
+        (["--split", "test"], "--split needs --suite"), (["--condition", "ditch"], "ditch needs a goal_distance of"),
+        (["--condition", "dense_rocks"], "--k does not go with --condition dense_rocks, which has its own k"),
+        (["--condition", "far_goal"], "--k does not go with --condition far_goal"),
         (["--yaw-drift-deg", "nan"], "--yaw-drift-deg must lie in [0, 45]"),
         (["--sun-elevation-deg", "0"], "--sun-elevation-deg must"), (["--texture-strength", "9"], "--texture"),
     ],
@@ -285,6 +288,9 @@ def test_the_best_and_the_worst_are_filmed_once(films, tmp_path, monkeypatch):
     assert sorted(driver for _, driver, _ in films[2:]) == ["RandomDriver", "StraightDriver"]
     assert len({title for *_, title in films}) == 4
     assert {file.read_bytes() for file in (tmp_path / "videos").iterdir()} == {b"film"}
+    page = (tmp_path / "results.html").read_text()
+    for film in ("best.mp4", "worst.mp4", *(f"videos/{file.name}" for file in (tmp_path / "videos").iterdir())):
+        assert f'<a href="{film}">' in page
     assert len(list((tmp_path / "videos").iterdir())) == 4 and not list(tmp_path.rglob(".*"))
     assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
     monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was filmed already"))
@@ -321,6 +327,7 @@ def test_a_film_that_is_no_longer_the_worst_is_deleted(films, tmp_path):
     assert {file.name for file in tmp_path.glob("*.mp4")} == {"best.mp4", "worst.mp4"}
     evaluate(replace(config, driver=("straight",)))
     assert [file.name for file in tmp_path.glob("*.mp4")] == ["best.mp4"] and len(films) == 2
+    assert "worst.mp4" not in (tmp_path / "results.html").read_text()
     assert list(json.loads((tmp_path / "videos.json").read_text())) == ["best.mp4"]
 
 

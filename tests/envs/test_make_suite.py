@@ -35,6 +35,12 @@ def test_a_held_out_split_is_drawn_from_its_passphrase(small_suite, passphrase, 
     assert len(seeds) == 1 and not seeds & {episode["seed"] for episode in suite.episodes.values()}
 
 
+def test_a_passphrase_that_is_no_text_is_named(small_suite, tmp_path, capsys):
+    (tmp_path / "secret").write_bytes(b"\xff\xfe secret of no encoding")
+    assert main(["--held-out", str(small_suite), "--passphrase-file", str(tmp_path / "secret")]) == 2
+    assert capsys.readouterr().err == f"error: --passphrase-file {tmp_path / 'secret'}: is no text in UTF-8\n"
+
+
 def test_a_suite_is_never_replaced(tmp_path, capsys):
     out = tmp_path / "mine-v1.json"
     out.write_text("{}")

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from recorded_drives import drive_of, look_pictures
+from recorded_drives import drive_of, look_pictures, pose_rows
 from recorded_drives import step as drive_step
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
@@ -180,6 +180,27 @@ def test_a_recorded_episode_is_replayed_to_its_own_goal(tmp_path, capsys):
     assert shown.out.splitlines()[-1] == "8 commands for 8 frames" and shown.err == ""
     assert main([str(file), "--goal", "-0.5", "0"]) == 0
     assert "arrived" in capsys.readouterr().out.splitlines()[1]
+
+
+def test_the_bag_of_a_drive_has_its_times_and_both_poses(tmp_path):
+    depth = np.full((8, 8), 3.0)
+    steps = [drive_step(x=x, y=0.2, looked=True, believed_pose=pose_rows(x, 0.0, 0.0)) for x in (0.0, 0.4)]
+    pictures = look_pictures(0, depth) | look_pictures(1, depth)
+    drive_of(tmp_path / "drive.zip", steps, pictures)
+    assert main([str(tmp_path / "drive.zip"), "--bag", str(tmp_path / "bag")]) == 0
+    bag = Bag(tmp_path / "bag")
+    assert [entry.stamp for entry in bag.entries(["/ground_truth/pose"])] == [10**9, 3 * 10**9]
+    true = [m.pose.position for _, m in bag.messages(["/ground_truth/pose"])]
+    believed = [m.pose.pose.position for _, m in bag.messages(["/odom"])]
+    assert [(p.x, p.y) for p in true] == [(0, 0.2), (0.4, 0.2)]
+    np.testing.assert_allclose([(p.x, p.y) for p in believed], [(0, 0), (0.4, 0)], atol=1e-9)
+    assert "/stereo/left/image_rect" not in bag.topics
+
+
+def test_the_file_of_a_drive_has_no_scenes(tmp_path, capsys):
+    drive_of(tmp_path / "drive.zip", [drive_step()])
+    assert main([str(tmp_path / "drive.zip"), "--scene", "3"]) == 2
+    assert f"--scene is for a dataset; {tmp_path / 'drive.zip'} holds one drive" in capsys.readouterr().err
 
 
 def test_a_recorded_look_without_depth_and_a_foreign_file_are_named(tmp_path, capsys):

@@ -91,6 +91,25 @@ def test_a_cell_sets_rocks_and_slope(env):
     assert record.reward == pytest.approx(-0.45)
 
 
+def test_the_slip_of_a_drive_is_that_of_the_steps_in_which_it_was_to_drive(env, monkeypatch):
+    class HalfStanding(Standing):
+        steps = 0
+
+        def act(self, env, observation):
+            self.steps += 1
+            return np.float32([self.steps % 2, 0, 0]) if self.steps <= 6 else Stop.NO_PATH
+
+    step = env.step
+    slips = iter([0.2, 0.0, 0.4, 0.0, 0.6, 0.0])
+
+    def slipping(action):
+        *rest, info = step(action)
+        return *rest, {**info, "slip": next(slips)}
+
+    monkeypatch.setattr(env, "step", slipping)
+    assert run_episode(env, HalfStanding(), Cell(), 5, 0).slip == pytest.approx(0.4)
+
+
 def test_names_of_cells():
     assert Cell().name == "k=preset, slope=preset" and Cell(0.05, 10.0).name == "k=0.05, slope=10"
 
