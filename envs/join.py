@@ -52,6 +52,8 @@ class JoinConfig:
     """Folders of the shards."""
     out: Path
     """Folder for the joined results."""
+    suite: str | None = None
+    """File of the suite, where it is not at the path that the first shard names."""
 
     def __post_init__(self) -> None:
         if not self.shards:
@@ -83,6 +85,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
     runtime = _runtime([mark.get(RUNTIME) for mark in marks], config.shards)
     try:
         joined = _evaluation(contents, config.out)
+        joined = joined if config.suite is None else replace(joined, suite=config.suite)
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
         raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error})") from None
     results = ResultFolder(

@@ -17,16 +17,17 @@ from envs.drives.resume import RUNTIME, WEIGHTS
 from envs.mars_nav import STEP_SECONDS
 from envs.suites.suite import SAME_WAY, Suite, load_suite, packaged_suites
 from envs.world.perception import GROUND_TRUTH
-from envs.world.referee import GOAL_RADIUS, STEPS_PER_METRE
+from envs.world.referee import GOAL_RADIUS, STEPS_PER_METRE, STUCK_STEPS
 from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
 from marssim.base.rover_spec import ZHURONG
 
 SAME_SPL = 1e-6  # by which SPL may differ from that of the ways
-AIR = 0.05  # [m] by which the way of an arrival may be shorter than its straight line
+AIR = 0.05  # [m] by which a way may be shorter than its straight line
 STEP_WAY = ZHURONG.max_speed * STEP_SECONDS  # [m] that the rover drives in a step at most
 SLIDING = 2.0  # factor on that way for a rover that can slide downhill: with rigid bodies, or wheels that slip
+ANYWHERE = ("goal", "collision", "tilt")  # outcomes that a drive may have within GOAL_RADIUS of the goal
 NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles")  # null for drives with true depth
 
 Method = tuple[str, str]  # driver and perception
@@ -152,9 +153,10 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
         return f"spl must be {expected:.6f} by its ways, got {episode['spl']}"
     if episode["success"] and episode["distance"] > GOAL_RADIUS + AIR:
         return f"distance must be at most {GOAL_RADIUS:g} m for an arrival, got {episode['distance']:g}"
-    least = apart - GOAL_RADIUS - AIR
-    if episode["success"] and episode["path_length"] < least:
-        return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
+    if episode["outcome"] not in ANYWHERE and episode["distance"] < GOAL_RADIUS - AIR:
+        return f"distance must be at least {GOAL_RADIUS:g} m for {episode['outcome']}, got {episode['distance']:g}"
+    if (off := abs(apart - episode["distance"])) > episode["path_length"] + AIR:
+        return f"path_length must be at least {off:.2f} m, by the distances of the goal, got {episode['path_length']:g}"
     return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode)
 
 
@@ -163,6 +165,9 @@ def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> s
     steps = episode["steps"]
     if steps > (most_steps := int(STEPS_PER_METRE * apart + 1)):
         return f"steps must be at most {most_steps}, got {steps}"
+    least = {"time": most_steps - 1, "stuck": STUCK_STEPS}.get(episode["outcome"], 0)
+    if steps < least:
+        return f"steps must be at least {least} for {episode['outcome']}, got {steps}"
     rigid = suite.drive["dynamics"] == "kinematic" and suite.drive["slip"] is None
     most_way = (1.0 if rigid else SLIDING) * STEP_WAY * steps + AIR
     if episode["path_length"] > most_way:

@@ -3,9 +3,9 @@
     python tests/benchmarks/same_drives.py --out out/same
     python tests/benchmarks/same_drives.py --out out/same --condition clear storm --perception sgbm m3depth
 
-Drives one course of every condition of marsnav-v1 dev in each of these ways, and compares the records of the drives,
-but for times: each step's place, each mean of the depth's errors. Prints a table, and exits with 1 if anything differs.
-The same command continues where it was stopped.
+Drives one course of every condition of marsnav-v1 dev in each of these ways, and compares, but for times, the records
+of the drives (each step's place, each mean of the depth's errors) and results.json. Prints a table, and exits with 1 if
+anything differs. The same command continues where it was stopped.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from envs.suites.suite import load_suite
 
 SUITE, SPLIT = "marsnav-v1", "dev"
 TIMES = ("step_seconds", "perception_seconds")  # fields of a record that differ from run to run
+RESULTS = ("results", "differences", "suite", "episodes", "weights", "runtime", "code")  # compared in results.json
 WAYS = ("1 worker", "2 workers", "dask", "shards", "killed")
 KILL_AFTER = 3  # drives after which an evaluation is killed
 
@@ -66,7 +67,12 @@ def drive_and_kill(out: Path, asked: argparse.Namespace) -> None:
         if process.returncode >= 0:  # it was not killed
             if process.returncode:
                 raise SystemExit(f"envs.evaluate failed in {out}")
-            print(f"{out}: killed {run - 1} times", file=sys.stderr)
+            note = out / "kills.txt"
+            if run == 1 and not note.is_file():
+                raise SystemExit(f"{out}: was finished without a kill; delete it, or ask for more conditions")
+            if run > 1:
+                note.write_text(f"{run - 1}\n")
+            print(f"{out}: killed {note.read_text().strip()} times", file=sys.stderr)
             return
 
 
@@ -77,6 +83,19 @@ def records_of(out: Path) -> Records:
         record = json.loads(file.read_text())
         records[file.name] = {name: value for name, value in record.items() if name not in TIMES}
     return records
+
+
+def results_of(out: Path) -> Mapping[str, Any]:
+    """Return what results.json says of the drives of a folder, without times."""
+    content = json.loads((out / "results.json").read_text())
+    return {name: without_times(content[name]) for name in RESULTS if name in content}
+
+
+def without_times(value: Any) -> Any:
+    """Return a value of JSON without the fields that differ from run to run."""
+    if isinstance(value, dict):
+        return {key: without_times(each) for key, each in value.items() if key not in TIMES}
+    return [without_times(each) for each in value] if isinstance(value, list) else value
 
 
 def differences(records: Records, expected: Records) -> dict[str, list[str]]:
@@ -99,17 +118,20 @@ def main() -> int:
     folders = {way: asked.out / way.replace(" ", "-") for way in WAYS}
     for way, folder in folders.items():
         drive(way, folder, asked)
-    expected = records_of(folders[WAYS[0]])
-    print("| driven by | drives | that differ from those of 1 worker | in |\n|---|---|---|---|")
+    expected, results = records_of(folders[WAYS[0]]), results_of(folders[WAYS[0]])
+    print("| driven by | drives | that differ from those of 1 worker | in | results.json |\n|---|---|---|---|---|")
     different = 0
     for way, folder in folders.items():
         records = records_of(folder)
         apart = differences(records, expected)
         fields = sorted({field for each in apart.values() for field in each})
-        print(f"| {way} | {len(records)} | {len(apart)} | {', '.join(fields) or '-'} |")
+        same = results_of(folder) == results
+        print(
+            f"| {way} | {len(records)} | {len(apart)} | {', '.join(fields) or '-'} | {'same' if same else 'differs'} |"
+        )
         for name, each in apart.items():
             print(f"{way}: {name}: {', '.join(each)}", file=sys.stderr)
-        different += len(apart)
+        different += len(apart) + (not same)
     return 1 if different or not expected else 0
 
 

@@ -77,19 +77,35 @@ def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite
     assert str(path) in error and message in error and error.count("\n") == 1
 
 
-def test_an_arrival_needs_the_way_to_the_goal(edited, small_suite):
-    def jump(content):
-        content["episodes"][0].update(outcome="goal", success=True, path_length=1.0, spl=1.0, distance=0.9)
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (("goal", 1.0, 0.9, 9), r"path_length must be at least 2.10 m, by the distances of the goal, got 1"),
+        (("goal", 3.0, 1.2, 9), r"distance must be at most 1 m for an arrival, got 1.2"),
+        (("collision", 0.0, 0.0, 9), r"path_length must be at least 3.00 m, by the distances of the goal, got 0"),
+        (("elsewhere", 1.0, 5.0, 9), r"path_length must be at least 2.00 m, by the distances of the goal, got 1"),
+        (("no_path", 3.0, 0.5, 9), r"distance must be at least 1 m for no_path, got 0.5"),
+        (("time", 3.0, 2.0, 9), r"steps must be at least 44 for time, got 9"),
+        (("stuck", 0.1, 3.0, 4), r"steps must be at least 5 for stuck, got 4"),
+    ],
+)
+def test_the_end_of_a_drive_must_fit_its_way_and_its_steps(edited, small_suite, values, message):
+    outcome, way, distance, steps = values
 
-    def stay_away(content):
-        content["episodes"][0].update(outcome="goal", success=True, path_length=3.0, spl=1.0, distance=1.2)
+    def change(content):
+        success = outcome == "goal"
+        content["episodes"][0].update(
+            outcome=outcome,
+            success=success,
+            path_length=way,
+            spl=float(success),
+            distance=distance,
+            steps=steps,
+            looks=1,
+        )
 
-    for change, message in (
-        (jump, r"path_length must be at least 1.95 m for an arrival, got 1"),
-        (stay_away, r"distance must be at most 1 m for an arrival, got 1.2"),
-    ):
-        with pytest.raises(DatasetError, match=message):
-            compare(CompareConfig((edited(change, change.__name__),), suite=str(small_suite), check=True))
+    with pytest.raises(DatasetError, match=message):
+        compare(CompareConfig((edited(change),), suite=str(small_suite), check=True))
 
 
 def test_a_shard_must_hold_the_whole_of_its_part(edited, small_suite, capsys):

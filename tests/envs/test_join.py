@@ -61,6 +61,20 @@ def test_shards_whose_suite_lay_in_another_folder_join(shards, small_suite, tmp_
     assert joined["config"]["suite"] == str(small_suite) and len(joined["episodes"]) == 8
 
 
+def test_a_suite_that_no_shard_can_find_is_named(shards, small_suite, tmp_path, capsys):
+    copies = []
+    for shard in shards:
+        copies.append(shutil.copytree(shard, tmp_path / shard.name))
+        content = json.loads((copies[-1] / "results.json").read_text())
+        content["config"]["suite"] = "/elsewhere/small-v1.json"
+        (copies[-1] / "results.json").write_text(json.dumps(content))
+    flags = [*map(str, copies), "--out", str(tmp_path / "all")]
+    assert main(flags) == 2
+    assert "suite /elsewhere/small-v1.json: no such file" in capsys.readouterr().err
+    assert main([*flags, "--suite", str(small_suite)]) == 0
+    assert json.loads((tmp_path / "all" / "results.json").read_text())["config"]["suite"] == str(small_suite)
+
+
 def test_missing_episodes_are_counted(shards, tmp_path, capsys):
     assert main([str(shards[0]), "--out", str(tmp_path / "all")]) == 2
     assert "4 episodes of 8 are in none of the shards, as straight-ground_truth" in capsys.readouterr().err
