@@ -66,7 +66,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         ValueError: If a perception or a driver is unknown.
     """
     config = with_suite(config)
-    config = replace(config, dynamics=chosen_dynamics(config.dynamics))
+    config = replace(config, dynamics=chosen_dynamics(config.dynamics)).with_true_pixels()
     for name in config.perception:
         _perception(name, config.runtime)  # an unknown name is reported before anything is written or started
     for name in config.driver:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +17,8 @@ from envs.drives.place_note import place_note
 from envs.suites.conditions import CONDITIONS, condition_values, course_under, with_look
 from envs.suites.suite import suite_note
 from envs.world.arguments import ERROR_LIMITS
-from envs.world.eyes import EyesConfig
+from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
+from envs.world.perception import GROUND_TRUTH
 from envs.world.slip import SlipConfig
 from envs.world.vehicle import DynamicsName, known_dynamics
 from m3depth.runtimes.choice import RuntimeChoice
@@ -227,6 +228,16 @@ class EvaluateConfig:
         fixed = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
         return with_look(load_place(self.scene), fixed)
 
+    def with_true_pixels(self) -> EvaluateConfig:
+        """Return the settings with as many pixels of the true depth as of the images, where the two are compared.
+
+        A suite says itself how many there are, and so may --ground-truth-pixels.
+        """
+        compared = GROUND_TRUTH in self.perception and len(self.perception) > 1
+        if not compared or self.suite is not None or self.eyes.ground_truth_pixels is not None:
+            return self
+        return replace(self, eyes=replace(self.eyes, ground_truth_pixels=AS_IMAGES))
+
     def course_config(self, k: float | None = None, slope_deg: float | None = None) -> CourseConfig:
         """Return the settings of the courses. Raises ValueError for a value out of range."""
         return CourseConfig(self.goal_distance, k, slope_deg, into_sun=self.into_sun, ditch=self.ditch)
@@ -243,6 +254,8 @@ class EvaluateConfig:
         look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
         slip = {} if self.slip is None else {"slip": self.slip, "slip_measured": self.slip_measured}
         eyes = {name: value for name, value in vars(self.eyes).items() if value != getattr(EyesConfig, name)}
+        if self.eyes.ground_truth_pixels == FAST_PIXELS:
+            del eyes["ground_truth_pixels"]
         course = {name: True for name in ("into_sun", "ditch") if getattr(self, name)}
         suite = {} if self.suite is None else suite_note(self.suite, self.split)
         return {

@@ -1,4 +1,4 @@
-"""The conditions of a drive by name. Each changes one physical cause, so that a drive which fails names it.
+"""The conditions of a drive by name. Each has a physical cause, so that a drive which fails names it.
 
 A condition is a dict of values: `scene`, a field of CourseConfig, of EyesConfig, or of a scene's LookConfig. They
 replace those of MarsNavEnv's other arguments.

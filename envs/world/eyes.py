@@ -20,15 +20,19 @@ EYES_LIMITS = {
 }
 
 
+FAST_PIXELS = 128  # of the true depth where it is not compared: enough to drive
+AS_IMAGES = 0  # in place of a number of its pixels: as many as the images have
+
+
 @dataclass(frozen=True)
 class EyesConfig:
     """NaTeCam on a drive. All images show the same view, whatever their size."""
 
     image_pixels: int = 512
     """Width and height of the images that the perception sees [px], 64 to 2048."""
-    ground_truth_pixels: int = 128
-    """Width and height of the depth that ground_truth reads [px], 16 to 2048. The default is enough to drive and fast;
-    to compare it with other perceptions, give it as many as --image-pixels."""
+    ground_truth_pixels: int | None = None
+    """Width and height of the depth that ground_truth reads [px], 16 to 2048, or 0 for those of the images. Left out:
+    128, which is enough to drive, and fast; in envs.evaluate 0, where other perceptions drive too."""
     lens_dust: float = 0.0
     """Share of the light that dust on the windows of the cameras takes away, 0 to 0.8. Each camera has specks of its
     own, which stay for the drive, and a veil."""
@@ -39,12 +43,16 @@ class EyesConfig:
     jpeg_quality: float = LOSSLESS
     """Quality of the JPEG that the perception sees the images after, 1 to 100; 100 does not compress them."""
     look_every: float = 0.0
-    """Way after which the rover looks again [m], 0 to 100. It also looks whenever it stands still. 0 looks after every
-    step, which is 0.4 m at most."""
+    """Way after which the rover looks again [m], 0 to 100. It also looks after a step in which it was to stand still. 0
+    looks after every step, which is 0.4 m at most."""
 
     def __post_init__(self) -> None:
         for name, (low, high, unit) in EYES_LIMITS.items():
             value, kind = getattr(self, name), Integral if unit == " px" else Real
+            if name == "ground_truth_pixels" and (
+                value is None or (value == AS_IMAGES and not isinstance(value, bool))
+            ):
+                continue
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= float(value) <= high:
                 whole = "be a whole number" if kind is Integral else "lie"
                 raise ValueError(f"{name} must {whole} in [{low:g}, {high:g}]{unit}, got {value!r}")
@@ -58,7 +66,8 @@ class EyesConfig:
     @property
     def ground_truth_rig(self) -> StereoRig:
         """The cameras at the size of the depth that the ground truth reads."""
-        return NATECAM.resized(self.ground_truth_pixels, self.ground_truth_pixels)
+        n = FAST_PIXELS if self.ground_truth_pixels is None else self.ground_truth_pixels or self.image_pixels
+        return NATECAM.resized(n, n)
 
     def sensor(self) -> SensorConfig:
         """Return the ranges from which a drive draws its two detectors."""

@@ -211,6 +211,18 @@ def test_a_place_from_a_file_is_noted_by_its_content(tmp_path):
     assert EvaluateConfig(None, scene=str(files[2])).scene_config() == preset("gale", horizon=40.0)
 
 
+def test_the_true_depth_has_the_pixels_of_the_images_where_other_perceptions_drive_too(tmp_path):
+    def pixels(*perceptions, **changes):
+        config = EvaluateConfig(tmp_path, perception=perceptions, **changes).with_true_pixels()
+        return config.eyes.ground_truth_rig.camera.width, config.content().get("ground_truth_pixels")
+
+    assert pixels("ground_truth") == (128, None)
+    assert pixels("ground_truth", "sgbm") == (512, 0)
+    assert pixels("ground_truth", "sgbm", eyes=EyesConfig(image_pixels=256)) == (256, 0)
+    assert pixels("ground_truth", "sgbm", eyes=EyesConfig(ground_truth_pixels=128)) == (128, None)
+    assert pixels("sgbm", "m3depth") == (128, None)
+
+
 def test_a_folder_of_the_earlier_default_place_is_refused_in_one_line(finished, capsys):
     """Release 0.1 drove in gale where no --scene was given."""
     out, _ = finished

@@ -8,6 +8,7 @@ from marssim.render.sensor import SensorConfig
 def test_sound_eyes_are_those_of_before():
     assert EyesConfig().rig is NATECAM and EyesConfig().sensor() == SensorConfig()
     assert EyesConfig().ground_truth_rig.camera.width == 128
+    assert EyesConfig(image_pixels=256, ground_truth_pixels=0).ground_truth_rig.camera.width == 256
 
 
 def test_fewer_pixels_show_the_same_view():
@@ -27,6 +28,7 @@ def test_faults_reach_the_detectors():
     [
         ("image_pixels", 63), ("image_pixels", 256.0), ("lens_dust", 0.9), ("temperature", float("nan")),
         ("jpeg_quality", 0), ("look_every", -1.0), ("look_every", True), ("ground_truth_pixels", 4096),
+        ("ground_truth_pixels", False),
     ],
 )  # fmt: skip
 def test_a_setting_out_of_range_is_named(name, value):
