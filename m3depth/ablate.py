@@ -9,8 +9,9 @@ The studies are components (WEFE and IRM, on and off), loss (weights, no consist
 of lite, on and off; the paper has no such table). Each row of a table is a network that m3depth.train trains from
 random weights. All networks see the same data in the same order, with the same seed and the same number of steps or
 minutes, and are scored by m3depth.evaluate's rules on the same pairs. A run that several tables share is trained once:
-22 runs make all five studies, for each seed. With --preset paper or paper-thin they are 19, since these have no lookup
-and no match at half the resolution to leave out.
+22 runs make these five studies, for each seed. With --preset paper or paper-thin they are 19, since these have no
+lookup and no match at half the resolution to leave out. --studies additions takes back all else that lite adds to the
+paper's network and loss, one by one, in 8 further runs.
 
 The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and two
 figures a study at the end: STUDY.png has the errors beside the paper's, STUDY_maps.png the maps of all rows on two test

@@ -119,10 +119,10 @@ def parts_of(manifest: Mapping[str, Any], sizes: Sequence[str] = (), sets: Seque
         ValueError: A size or set is unknown, or none of the sets has one of the sizes.
         KeyError: The manifest lacks an entry.
     """
-    for flag, wanted, known in (("--sizes", sizes, manifest["sizes"]), ("--sets", sets, manifest["sets"])):
+    for flag, wanted, available in (("--sizes", sizes, manifest["sizes"]), ("--sets", sets, manifest["sets"])):
         for name in wanted:
-            if name not in known:
-                raise ValueError(f"{flag} {name}: unknown; the manifest has {', '.join(known)}")
+            if name not in available:
+                raise ValueError(f"{flag} {name}: unknown; the manifest has {', '.join(available)}")
     parts = []
     for size, of_size in manifest["sizes"].items():
         for name, of_set in manifest["sets"].items():

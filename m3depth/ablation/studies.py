@@ -1,6 +1,6 @@
 """The ablation studies: the networks and losses that are trained, and the paper's figures.
 
-Each study is a table with one row a run: those of the paper, and one of the parts that `lite` has beside the paper's. A
+Each study is a table with one row a run: those of the paper, and two of what `lite` has beside the paper's network. A
 run is a preset with a few fields changed. A run that several studies share is trained once (`distinct`), and a row that
 equals an earlier one of its study is left out (`without_repeats`), such as that without a part that a preset lacks.
 """
@@ -221,8 +221,32 @@ def _parts() -> Study:
     return Study("Parts beside the recurrent steps", "", columns, rows, 0, comparisons, measures)
 
 
+def _additions() -> Study:
+    """Return the study of what else `lite` adds to the paper's network and loss: each taken back alone."""
+    weights = {"relative": 0.0, "rock": 1.0, "edge": 1.0, "one_eye": 1.0, "rover": 1.0}
+    taken_back = {
+        "channels of their own for the comparison at 1/8": Variant("plain-match", {"match_channels": 0}),
+        "residual blocks at 1/4 and 1/8": Variant("plain-blocks", {"feature_skips": False}),
+        "left features in SNNet": Variant("snnet-blind", {"normal_context": 0}),
+        "three dilated convolutions a slice of SNNet": Variant(
+            "plain-slices", {"slice_layers": 2, "slice_dilated": False}
+        ),
+        "the normals that the disparity implies, in each step": Variant("not-implied", {"implied_geometry": False}),
+        "scores by a weighted sum of the groups": Variant("wide-scores", {"score_kernel": 3}),
+        "heads of the state alone": Variant("heads-see-all", {"heads_see_all": True}),
+        "weights of pixels in the loss": Variant("loss-plain", {}, weights),
+    }
+    rows = (Row("all additions", BASE), *(Row(f"without: {part}", variant) for part, variant in taken_back.items()))
+    comparisons = tuple(
+        Comparison(part[0].upper() + part[1:], number, 0) for number, part in enumerate(taken_back, start=1)
+    )
+    columns = ("abs_rel", "sq_rel", "rmse", "delta1", "normal_mean")
+    return Study("Other additions of lite", "", columns, rows, 0, comparisons, ("abs_rel", "normal_mean"))
+
+
 STUDIES: dict[str, Study] = {
     "components": _components(), "loss": _loss(), "iterations": _iterations(), "levels": _levels(), "parts": _parts(),
+    "additions": _additions(),
 }  # fmt: skip
 
 

@@ -203,7 +203,7 @@ Where the paper cannot be built as printed, or leaves a size open, this is done 
    it; the equation has H_t. N_t is brought to unit length after each update, and D_t and N_t are passed on without
    their gradient, as in RAFT: the text does not say, and each step then learns to correct what it is given.
 9. There are two outputs more than the paper's, confidence and sky: a rover has to know where depth is missing.
-10. Both presets share the loss, the optimizer and the rates of m3depth.train.
+10. Its loss, optimizer and rates are those of m3depth.train, as for `lite`, unless --recipe paper is given.
 """
 
 PAPER_THIN = replace(

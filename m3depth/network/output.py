@@ -1,4 +1,4 @@
-"""What the network returns for a batch of pairs, where a larger pair starts from it, its steps, and the padding."""
+"""The outputs of the network for a batch of pairs, the start that they give to a larger pair, and the padding."""
 
 from __future__ import annotations
 

@@ -66,9 +66,9 @@ class RaftStereoConfig(RivalConfig):
     lookup_radius: int = 4
     """Cells to either side of the current disparity that a step compares."""
     train_steps: int = 8
-    """Steps in training."""
+    """Number of recurrent steps in training."""
     steps: int = 8
-    """Steps after training."""
+    """Number of recurrent steps in evaluation and prediction."""
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,9 @@ class LightStereoConfig(RivalConfig):
     expansion: int = 4
     """Factor of the channels inside a block of the aggregation."""
     guide: int = 24
-    """Channels at 1/4 of what the weights of the upsampling are computed from."""
+    """Channels at 1/4 of the features from which the weights of the upsampling are computed."""
     half: int = 16
-    """Channels of it at 1/2."""
+    """Channels at 1/2 of these features."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class GeoNetConfig(NormalConfig):
     widths: tuple[int, int, int, int, int] = (8, 16, 32, 48, 48)
     """Channels of the five stages from which the first normals are computed, at 1/1, 1/2, 1/4 and twice 1/8."""
     wide: int = 96
-    """Channels of the two layers after them."""
+    """Channels of the two layers between these stages and the first normals."""
     residual: tuple[int, int, int, int] = (8, 16, 24, 32)
     """Channels of the network that corrects the normals of the depth."""
     ensemble: int = 8

@@ -4,10 +4,10 @@ Tankovich, Haene, Zhang, Kowdle, Fanello and Bouaziz: "HITNet: Hierarchical Iter
 Real-time Stereo Matching", CVPR 2021, arXiv:2007.12140; the published width is that of its multi-scale model.
 
 A U-Net without normalisation describes both images at 1/16 to 1/1. At each resolution the best whole disparity of each
-tile is found by comparing it with all others, without a volume that is kept: that is a hypothesis, a plane with a
-descriptor. From coarse to fine, the hypotheses of the level before are enlarged along their slants and compared with
-the new ones: the right features are warped by each plane, and a small network corrects both and says which one to take.
-Three refinements end at single pixels. Each part has a loss of its own (hit_net_loss.py): the costs of the guesses, the
+tile is found by comparing it with all others, and no cost volume is stored. A hypothesis is a plane with this disparity
+and a descriptor. From coarse to fine, the hypotheses of the level before are enlarged along their slants and compared
+with the new ones: the right features are warped by each plane, and a small network corrects and weighs both. Three
+refinements end at single pixels. Each part has a loss of its own (hit_net_loss.py): the costs of the guesses, the
 disparities (a robust distance, which counts an error of more than 1 px as one of 1 px at the coarser resolutions), the
 slants where the disparity is right, and the confidences by which hypotheses are chosen. That of the guesses
 averages over all wrong disparities, where the paper takes the most likely one, and has a larger weight than the others,

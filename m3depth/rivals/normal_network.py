@@ -2,8 +2,8 @@
 
 The depth is that of M3Depth with the shipped weights, or those of `--depth-weights`, which stay as they are. A weights
 file of such a method does not hold them, but names their file and its SHA-256. Confidence and sky are M3Depth's too. A
-config with `true_depth` takes the true depth instead, in training and in evaluation: what the method is worth where
-depth is measured by another sensor.
+config with `true_depth` takes the true depth instead, in training and in evaluation: then the scores are those that the
+method can reach with a perfect sensor of depth.
 """
 
 from __future__ import annotations

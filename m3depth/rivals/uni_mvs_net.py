@@ -1,4 +1,4 @@
-"""UniMVSNet for a pair: a cascade of three plane sweeps, each of which says how close the next plane in front is.
+"""UniMVSNet for a pair: a cascade of three plane sweeps, whose scores are class and offset of a plane at once.
 
 Peng, Wang, Wang, Lai and Wang: "Rethinking Depth Estimation for Multi-View Stereo: A Unified Representation", CVPR
 2022, arXiv:2201.01501; the sizes are those of its released training on DTU.

@@ -42,7 +42,7 @@ class Target(NamedTuple):
     baseline: Tensor
 
     @property
-    def known(self) -> Tensor:
+    def valid(self) -> Tensor:
         """(B, 1, H, W) bool, the pixels whose disparity is known, trained or not; maps of lidars, for example, have
         gaps.
         """
@@ -60,32 +60,32 @@ def network_inputs(batch: Batch, takes_truth: bool) -> tuple[Tensor, ...]:
     return batch.left, batch.right, batch.target.camera, *truth
 
 
-def disparity_range(disparity: Tensor, known: Tensor | None = None) -> Tensor:
+def disparity_range(disparity: Tensor, valid: Tensor | None = None) -> Tensor:
     """Return the largest minus the smallest disparity in each 3 x 3 window. Level ground has B / h, half a pixel.
 
     Args:
         disparity: (B, 1, H, W) [px].
-        known: (B, 1, H, W) bool, the pixels that count; None for all.
+        valid: (B, 1, H, W) bool, the pixels that count; None for all.
 
     Returns:
         (B, 1, H, W) [px]; 0 where a window holds no such pixel.
     """
-    if known is None:
+    if valid is None:
         high, low = disparity, -disparity
     else:
-        high, low = (x.masked_fill(~known, -torch.inf) for x in (disparity, -disparity))
+        high, low = (x.masked_fill(~valid, -torch.inf) for x in (disparity, -disparity))
     return (F.max_pool2d(high, 3, 1, 1) + F.max_pool2d(low, 3, 1, 1)).clamp(min=0)
 
 
-def disparity_edges(disparity: Tensor, known: Tensor | None = None, threshold: float = 1.0) -> Tensor:
+def disparity_edges(disparity: Tensor, valid: Tensor | None = None, threshold: float = 1.0) -> Tensor:
     """Mark pixels whose 3 x 3 window spans more than `threshold` px of disparity: (B, 1, H, W) bool.
 
     Args:
         disparity: (B, 1, H, W) [px].
-        known: The pixels that are compared, see disparity_range; an edge in a gap of them is missed.
+        valid: The pixels that are compared, see disparity_range; an edge in a gap of them is missed.
         threshold: [px].
     """
-    return disparity_range(disparity, known) > threshold
+    return disparity_range(disparity, valid) > threshold
 
 
 def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, Tensor]:
@@ -112,11 +112,11 @@ def reduce_target(target: Target, factor: int, weight: Tensor) -> tuple[Target, 
 
     def alike(x: Tensor) -> Tensor:
         """Mark cells with at least one known pixel, all of whose known pixels are in x."""
-        return (middle(x) | ~known).all(0) & middle(x & target.known).any(0)
+        return (middle(x) | ~valid).all(0) & middle(x & target.valid).any(0)
 
-    disparity, known = middle(target.disparity), middle(target.known)
-    span = disparity.masked_fill(~known, -torch.inf).amax(0) - disparity.masked_fill(~known, torch.inf).amin(0)
-    mean = (disparity * known).sum(0) / known.sum(0).clamp(min=1)
+    disparity, valid = middle(target.disparity), middle(target.valid)
+    span = disparity.masked_fill(~valid, -torch.inf).amax(0) - disparity.masked_fill(~valid, torch.inf).amin(0)
+    mean = (disparity * valid).sum(0) / valid.sum(0).clamp(min=1)
     normal = unit(middle(target.normal).sum(0))
     trained, sky = alike(target.label) & (span < 1.0), alike(target.sky)
     rock, one_eye, rover = (middle(x).any(0) for x in (target.rock, target.one_eye, target.rover))

@@ -114,7 +114,7 @@ def depth_loss(disparity: Tensor, target: Target, weight: Tensor) -> Tensor:
     """
     least = (target.camera[:, 0] * target.baseline / FARTHEST_SCORED)[:, None, None, None]  # [px] at that depth
     true = least / target.disparity.clamp(min=MIN_DISPARITY)
-    # Below 1 px, a step would change depth beyond all measure: it goes on from there as a line, which has a gradient.
+    # Below 1 px, depth grows without bound: it is extrapolated linearly from there, so that the gradient stays finite.
     held = disparity.clamp(min=1.0)
     error = least * (1 / held + held - disparity) - true
     return weighted_mean(huber(error, 1.0), weight * (target.label & (true <= 1)))
@@ -131,8 +131,8 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
         weight: (B, 1, h, w).
     """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
-    known = target.normal.square().sum(1, keepdim=True) > 0.25
-    return weighted_mean(huber(error, 0.1), weight * (target.label & known), LEAST_WEIGHT)
+    valid = target.normal.square().sum(1, keepdim=True) > 0.25
+    return weighted_mean(huber(error, 0.1), weight * (target.label & valid), LEAST_WEIGHT)
 
 
 def total_loss(
@@ -186,7 +186,7 @@ def pixel_weights(target: Target, config: LossConfig) -> Tensor:
         config: Holds the weights of kinds of pixels.
     """
     weight = torch.ones_like(target.disparity)
-    weight = torch.where(disparity_edges(target.disparity, target.known), config.edge, weight)
+    weight = torch.where(disparity_edges(target.disparity, target.valid), config.edge, weight)
     weight = torch.where(target.rock, config.rock, weight)
     weight = torch.where(target.one_eye, config.one_eye * weight, weight)
     return torch.where(target.rover, config.rover * weight, weight)
@@ -248,7 +248,7 @@ def maps_consistency(maps: list[TrainedMaps], config: LossConfig) -> Tensor:
 def _grid_consistency(maps: TrainedMaps) -> Tensor:
     """Return L_c on one grid, whose pixels are its cells."""
     target, cell = maps.target, maps.cell
-    smooth = target.label & ~disparity_edges(target.disparity, target.known, float(cell))
+    smooth = target.label & ~disparity_edges(target.disparity, target.valid, float(cell))
     camera = target.camera if cell == 1 else scale_camera(target.camera, cell)
     return consistency_loss(maps.disparity / cell, maps.normal, camera, smooth)
 
@@ -260,9 +260,9 @@ def confidence_loss(output: StereoOutput, target: Target) -> Tensor:
         output: Of the network.
         target: Ground truth at full size.
     """
-    known = target.label | target.sky
+    decided = target.label | target.sky
     correct = target.label & ((output.disparity.detach() - target.disparity).abs() < 1)
-    return _decision_loss(output.confidence, correct, known.to(target.disparity))
+    return _decision_loss(output.confidence, correct, decided.to(target.disparity))
 
 
 def sky_loss(output: StereoOutput, target: Target, weight: Tensor) -> Tensor:

@@ -94,7 +94,7 @@ def error_sums(output: Maps, target: Target) -> dict[str, tuple[float, float]]:
         "abs_rel": (relative, label),
         "bad1": ((error > 1).float(), label),
         "rock_epe": (error, label & target.rock),
-        "edge_epe": (error, label & disparity_edges(truth, target.known)),
+        "edge_epe": (error, label & disparity_edges(truth, target.valid)),
     }
     if output.normal is not None:
         angle = torch.rad2deg((output.normal * target.normal).sum(1, keepdim=True).clamp(-1, 1).acos())

@@ -16,8 +16,9 @@ def test_a_run_that_is_the_same_in_several_tables_is_one(preset: str) -> None:
     runs = distinct(STUDIES.values(), preset)
     different = {run.name: run.resolved(preset) for run in runs.values()}
     rows = [row.variant.name for study in STUDIES.values() for row in study.rows]
-    # The preset is in each study and no-irm in two; the paper's networks have no lookup and no fine part to leave out.
-    shared = {"lite": 5, "paper": 5 + 3, "paper-thin": 5 + 3}[preset]
+    # The preset is in each study and no-irm in two; the paper's networks have no lookup and no fine part to leave out,
+    # and none of the seven additions to the network.
+    shared = {"lite": 6, "paper": 6 + 3 + 7, "paper-thin": 6 + 3 + 7}[preset]
     assert len(different) == len(set(different.values())) == len(rows) - shared
     assert runs.keys() == set(rows)
     network, loss = BASE.resolved(preset)
@@ -59,6 +60,19 @@ def test_rows_without_a_part_that_the_preset_lacks_are_left_out() -> None:
     for study in STUDIES.values():
         same = without_repeats(study, "lite")
         assert [*same.rows] == [*study.rows] and [*same.comparisons] == [*study.comparisons]
+
+
+def test_each_addition_of_lite_is_one_in_which_the_papers_network_differs() -> None:
+    """Taken back together, with the parts, the widths, the levels, the steps and the outputs, they are that network."""
+    rows = [row.variant for row in STUDIES["additions"].rows[1:]]
+    taken_back = {name: value for variant in rows for name, value in variant.network.items()}
+    lite, thin = vars(PRESETS["lite"]), vars(PRESETS["paper-thin"])
+    others = {"wavelet_levels", "refine_steps", "lookup_levels", "fine_width"}
+    assert {name: thin[name] for name in thin if thin[name] != lite[name] and name not in others} == taken_back
+    (loss,) = (variant.resolved("lite")[1] for variant in rows if variant.loss)
+    assert (loss.relative, loss.rock, loss.edge, loss.one_eye, loss.rover) == (0, 1, 1, 1, 1)
+    study = without_repeats(STUDIES["additions"], "paper-thin")
+    assert [row.label for row in study.rows] == ["all additions", "without: weights of pixels in the loss"]
 
 
 def test_the_networks_of_paper_thin_run() -> None:

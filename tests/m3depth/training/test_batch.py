@@ -21,7 +21,7 @@ def test_gaps_are_no_edges_and_cells_need_no_four_pixels(holes_of) -> None:
     target = with_holes(full, holes_of(full.label.shape))
     labelled = target.label
     assert 0.2 < labelled.float().mean() < 0.6
-    assert not (disparity_edges(target.disparity, target.known) & labelled).any()
+    assert not (disparity_edges(target.disparity, target.valid) & labelled).any()
     for factor in (4, 8):
         reduced, _ = reduce_target(target, factor, torch.ones_like(target.disparity))
         centre = torch.nn.functional.avg_pool2d(full.disparity, factor)
@@ -37,8 +37,8 @@ def test_an_edge_between_sparse_pixels_is_one_and_what_is_known_but_not_trained_
     step = target.disparity[..., :1, 7:9]
     assert step.diff().item() > 29
     sparse = with_holes(target, every_second_row(target.label.shape))
-    assert disparity_edges(sparse.disparity, sparse.known)[0, 0, 1::2, 7:9].all()
-    assert not disparity_edges(sparse.disparity, sparse.known)[0, 0, 1::2, :6].any()
+    assert disparity_edges(sparse.disparity, sparse.valid)[0, 0, 1::2, 7:9].all()
+    assert not disparity_edges(sparse.disparity, sparse.valid)[0, 0, 1::2, :6].any()
     far = make_target(16, 16)  # as beyond 40 m: known, not trained
     far.label[..., 3, 3] = False
     reduced, _ = reduce_target(far, 8, torch.ones_like(far.disparity))
