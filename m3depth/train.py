@@ -3,8 +3,8 @@
     python -m m3depth.train --data DIR --out RUN --max-minutes 120
     python -m m3depth.train --data DIR --out RUN --init shipped --lr 2e-4 --max-minutes 30  # fine-tuning
     python -m m3depth.train --data KITTI --out RUN --max-steps 20000 --crop 320 960
-    python -m m3depth.train --data SimMars6K --left 'left/*.png' --right 'right/*.png' --depth 'depth/*.exr' \\
-        --calib natecam --normals depth --out RUN --max-minutes 120
+    python -m m3depth.train --data SimMars6K --format folder --left '*Left.png' --right '*Right.png' \\
+        --depth '*Depth.exr' --normal '*Normal.png' --calib natecam --out RUN --max-minutes 120
     python -m m3depth.train --data DIR --out RUN --preset paper --recipe paper --epochs 100
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 

@@ -22,6 +22,7 @@ TINY = replace(SMALL, wavelet_levels=(2, 2))
 SIZE = 64  # [px]
 SHORT = {  # flags of the guide, and what the test gives instead
     "--max-minutes": ["--max-steps", "1", "--batch", "1", "--crop", "32", "64", "--validate-samples", "1"],
+    "--epochs": ["--max-steps", "1", "--batch", "1", "--crop", "32", "64", "--validate-samples", "1"],
     "--minutes": ["--steps", "1", "--batch", "1", "--crop", "32", "64"],
     "--baselines": ["--baselines", "sgbm-hh"],
 }
@@ -57,11 +58,12 @@ def commands() -> list[list[str]]:
 
 @pytest.mark.usefixtures("undrawn_figures")
 def test_every_command_of_the_guide_runs(simmars, tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(network_config.PRESETS, "lite", TINY)
+    for preset in ("lite", "paper"):
+        monkeypatch.setitem(network_config.PRESETS, preset, TINY)
     M3Depth(TINY).save_pretrained(tmp_path / "tiny.safetensors")
     found = commands()
     names = [words[2].removeprefix("m3depth.") for words in found]
-    assert names == ["evaluate", "train", "train", "evaluate", "ablate"]
+    assert names == ["evaluate", "train", "train", "evaluate", "train", "ablate"]
     for name, (_, _, _, *words) in zip(names, found, strict=True):
         flags: list[str] = []
         while words:

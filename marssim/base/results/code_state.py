@@ -60,11 +60,22 @@ def commit(package: str) -> str | None:
         return None
 
 
+def processor() -> str | None:
+    """Return the name of the processor's model; None where the system does not tell it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:  # not Linux
+        return platform.processor() or None
+    names = (value.strip() for key, _, value in (line.partition(":") for line in lines) if key.strip() == "model name")
+    return next(names, None)
+
+
 def versions() -> dict[str, Any]:
     """Return what figures depend on: the versions of Python and of packages, the commit, and the machine."""
     record: dict[str, Any] = {
         "python": platform.python_version(),
         "machine": platform.machine(),
+        "processor": processor(),
         "cpus": os.cpu_count(),
     }
     for package in REPORTED:

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from marssim.base.results.code_state import commit, source_digest, source_file, versions
+from marssim.base.results.code_state import commit, processor, source_digest, source_file, versions
 
 
 def test_the_digest_changes_with_any_source_and_only_then(tmp_path, monkeypatch):
@@ -62,6 +62,20 @@ def test_the_commit_is_that_of_tracked_sources_and_says_when_they_differ(tmp_pat
     assert found() == git("rev-parse", "--short=12", "HEAD") + "-dirty"
     monkeypatch.setenv("PATH", str(tmp_path))
     assert found() is None  # no git
+
+
+def test_versions_name_the_processor(monkeypatch):
+    monkeypatch.setattr("pathlib.Path.read_text", lambda *_, **__: "processor\t: 0\nmodel name\t: Mars CPU 3: x\n")
+    assert versions()["processor"] == "Mars CPU 3: x"
+    monkeypatch.setattr("pathlib.Path.read_text", lambda *_, **__: "processor\t: 0\n")
+    assert processor() is None
+
+    def missing(*_, **__):
+        raise FileNotFoundError
+
+    monkeypatch.setattr("pathlib.Path.read_text", missing)
+    monkeypatch.setattr("platform.processor", lambda: "arm")
+    assert processor() == "arm"
 
 
 def test_versions_name_the_commit():
