@@ -165,6 +165,12 @@ def _scores(record: EpisodeRecord) -> tuple[float, float]:
     return float(arrived), spl(arrived, record.shortest, record.path_length)
 
 
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean of those values that are there; None if none is."""
+    numbers = [value for value in values if value is not None]
+    return float(np.mean(numbers)) if numbers else None
+
+
 def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Return the metrics over the episodes of one driver, perception and cell.
 
@@ -172,6 +178,7 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
         A row of results.json. path_inefficiency: mean of P / L over the arrivals; down to 0.92 on 20 m, as the drive
         ends 1 m before the goal and L may be 2.7 % too long. failures: numbers by the classes of FAILURES.
         near_miss_rate: share of episodes with near_miss. abs_rel: of the depth on the way, None with the ground truth.
+        slip, energy: as of EpisodeRecord, None for wheels that do not slip.
         unreachable_share: share of the drawn goals without a way on the true ground, which were drawn again.
 
     Raises:
@@ -183,7 +190,6 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
     success = [r.outcome == "goal" for r in records]
     outcomes = Counter(r.outcome for r in records)
     redraws = int(sum(r.redraws for r in records))
-    errors = [r.abs_rel for r in records if r.abs_rel is not None]
     driven = [r for r in records if r.outcome == "goal"]
     return {
         "episodes": n,
@@ -204,7 +210,9 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
         "steps": float(np.mean([r.steps for r in records])),
         "step_seconds": float(np.mean([r.step_seconds for r in records])),
         "perception_seconds": float(np.mean([r.perception_seconds for r in records])),
-        "abs_rel": float(np.mean(errors)) if errors else None,
+        "abs_rel": _mean([r.abs_rel for r in records]),
+        "slip": _mean([r.slip for r in records]),
+        "energy": _mean([r.energy for r in records]),
         "redraws": redraws,
         "unreachable_share": redraws / (redraws + n),
     }

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from envs.drives.episodes import NEAR_MISS, EpisodeRecord
+from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import plot_maps
 from envs.drives.metrics import UNREACHABLE_MARK
 from envs.drives.plots import plot_success
@@ -40,7 +40,7 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     """
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
-    page += looks_without_depth(records)
+    page += looks_without_depth(records) + soil(content["results"])
     write_atomically(out / "results.md", (page + errors_beside(content["test_set_abs_rel"], records)).encode())
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
@@ -124,6 +124,17 @@ def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord
             way = sum(errors) / len(errors)
             ways = f"{way:.4f} on the way ({len(errors)} drives), {error:.4f} on the test set"
             lines.append(f"{in_table(perception)}: Abs Rel {ways}\n")
+    return "".join(lines)
+
+
+def soil(results: Sequence[Mapping[str, Any]]) -> str:
+    """Return lines with the mean slip and the energy of each row of the table; none for wheels that do not slip."""
+    lines = []
+    for row in results:
+        if row["energy"] is not None:
+            slip = "" if row["slip"] is None else f"slip of {100 * row['slip']:.1f} %, "
+            name = f"{in_table(row['driver'])}, {in_table(row['perception'])}, {Cell(**row['cell']).name}"
+            lines.append(f"{name}: {slip}{row['energy'] / 1000:.2f} kJ of the wheels' motors a drive\n")
     return "".join(lines)
 
 

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from envs.drivers.driver import Stop
-from envs.drives.episodes import EpisodeRecord
+from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
 from envs.drives.metrics import FAILURES, summarise
 from envs.drives.plots import plot_success, pool_by
@@ -17,6 +17,7 @@ from envs.drives.report import (
     differences,
     errors_beside,
     looks_without_depth,
+    soil,
     states_of_the_code,
     table,
     write_report,
@@ -67,6 +68,14 @@ def test_drives_of_other_code_are_reported():
     assert states_of_the_code([same, same]) == states_of_the_code([DRIVE]) == ""
     message = states_of_the_code([same, other, same, DRIVE])
     assert "2 by aa11, 1 by bb22, 1 by an unknown one" in message
+
+
+def test_slip_and_energy_are_reported_where_wheels_slip():
+    drives = [replace(DRIVE, slip=slip, energy=energy) for slip, energy in ((0.1, 900.0), (0.3, 1500.0), (None, 0.0))]
+    row = {"driver": "a|b", "perception": "sgbm", "cell": Cell(k=0.1).content(), **summarise(drives)}
+    assert (row["slip"], row["energy"]) == pytest.approx((0.2, 800.0))
+    assert soil([row]) == "a\\|b, sgbm, k=0.1, slope=preset: slip of 20.0 %, 0.80 kJ of the wheels' motors a drive\n"
+    assert soil([{**row, **summarise([DRIVE])}]) == ""
 
 
 def test_looks_without_any_depth_are_reported():
