@@ -6,6 +6,7 @@ import pytest
 
 from envs.drivers.builtin import NavigatorDriver
 from envs.mars_nav import MarsNavEnv
+from m3depth.runtimes.choice import openvino_is_installed
 
 pytestmark = pytest.mark.benchmark
 
@@ -21,13 +22,16 @@ def test_reset_and_step_with_ground_truth(clock, dynamics):
     env.close()
 
 
-def test_step_and_navigator_cycle_with_m3depth_and_physics(clock):
-    env = MarsNavEnv("m3depth", "physics", mast=True)
+@pytest.mark.parametrize("runtime", ["pytorch", "openvino"])
+def test_step_and_navigator_cycle_with_m3depth_and_physics(clock, runtime):
+    if runtime == "openvino" and not openvino_is_installed():
+        pytest.skip("needs the extra fast")
+    env = MarsNavEnv("m3depth", "physics", mast=True, runtime=runtime)
     observation, _ = env.reset(seed=1)
     driver = NavigatorDriver()
     driver.reset(env, 0)
     action = np.array([0.2, 0.1, 0.0], dtype=np.float32)
-    clock("step, M3Depth, physics, Embree", lambda: env.step(action), 5)
+    clock(f"step, M3Depth in {runtime}, physics, Embree", lambda: env.step(action), 5)
     assert clock("navigator cycle, 512 x 512 depth", lambda: driver.act(env, observation), 10) > 0
     env.close()
 
