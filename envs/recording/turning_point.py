@@ -22,10 +22,10 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
     """Return the step at which the outcome was decided, and what makes it that step, in words.
 
     An arrival is decided where the rover begins to come nearer to the goal at every step; a collision or a tilt where
-    the navigator begins to choose motions that lead over the place where it happened, or, for other drivers, where the
-    clearance begins to fall for good or the tilt to rise; a drive that ends elsewhere where the odometry has gone
-    astray for good; giving up where the navigator begins to accept more risk, as every way is closed; and any other end
-    at the place nearest to the goal, after which nothing helped.
+    the navigator begins to choose motions that lead over the place where it happened, or, where it chose no such motion
+    and for other drivers, where the clearance begins to fall for good or the tilt to rise; a drive that ends elsewhere
+    where the odometry has gone astray for good; giving up where the navigator begins to accept more risk, as every way
+    is closed; and any other end at the place nearest to the goal, after which nothing helped.
     """
     steps = drive.steps
     last = len(steps) - 1
