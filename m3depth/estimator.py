@@ -18,6 +18,7 @@ import numpy as np
 from m3depth.runtimes.choice import check_runtime, chosen_runtime
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
+from m3depth.weights.config_json import kind_in_file
 from marssim.base.camera import StereoRig
 from marssim.base.command.spelling import did_you_mean
 from marssim.base.command.wording import where_to_run
@@ -319,7 +320,8 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
 
 
 def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estimator:
-    chosen = chosen_runtime(runtime, device)
+    check_runtime(runtime)
+    chosen = "pytorch" if kind_in_file(weights) not in (None, "m3depth") else chosen_runtime(runtime, device)
     with named_by(role):
         check_weights_file(weights)  # before torch is imported
         from m3depth.kinds.networks import load_network

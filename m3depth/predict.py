@@ -106,7 +106,7 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
         prediction = _predict_one(options, inputs, estimator)
         _view(options, inputs, inputs.pairs)
         return prediction
-    batch = predict_many(options, inputs, lambda: Method.of(options, estimator))
+    batch = predict_many(options, inputs, estimator)
     line = f"{len(batch.done)} of {counted(len(inputs.pairs), 'pair')}"
     if batch.skipped:
         line = f"{line}; {len(batch.skipped)} skipped, see the warnings"

@@ -82,6 +82,7 @@ def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
         "data": part["data_sha256"],
         "weights_sha256": part["estimators"][label]["sha256"],
         "commit": part["versions"]["commit"],
+        "runtime": part.get("runtime"),
         "pairs": [pair["pair"] for pair in pairs],
         "scenes": [pair["scene"] for pair in pairs],
         "figures": {name: [_rounded(record.get(name)) for record in records] for name in COLUMNS},

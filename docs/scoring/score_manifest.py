@@ -6,8 +6,8 @@ python docs/scoring/score_manifest.py --data data/manifest --out out/trial --siz
 Every part, one size, set and place, is a dataset DATA/SIZE/SET/PLACE of marssim.generate. It is scored by
 m3depth.evaluate, into OUT/depth/SIZE/SET/PLACE, and by envs.rocks, into OUT/map/SIZE/SET/PLACE: there without weights
 that need the true depth, which no rover has. The same command goes on where it was stopped, and leaves out what is
-scored already by the same code, weights and pairs. OUT/summary.md and OUT/summary.json hold the parts that this call
-asks for; manifest_summary.py defines their figures.
+scored already by the same code, weights, runtime and pairs. OUT/summary.md and OUT/summary.json hold the parts that
+this call asks for; manifest_summary.py defines their figures.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from envs.rocks import main as count_rocks
 from m3depth.evaluate import main as evaluate
 from m3depth.evaluation.resume import UNFINISHED
 from m3depth.kinds.networks import load_network
+from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, weights_file
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
@@ -63,6 +64,9 @@ class Options:
     """Whether the navigator's map is scored as well as the depth, which takes longer than the depth."""
     limit: int | None = None
     """Most pairs of each size, set and place, for a trial. Without it, all."""
+    runtime: RuntimeChoice = "auto"
+    """Program that runs M3Depth, as --runtime of m3depth.evaluate names it. Parts that another one scored are scored
+    again."""
     workers: int = 2
     """Number of processes that render."""
     manifest: Path = MANIFEST
@@ -174,6 +178,7 @@ def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping
     data = str(dataset.path)
     common = ["--split", "all", *(["--limit", str(options.limit)] if options.limit else [])]
     common += ["--degrade", part.degrade] if part.degrade else []
+    common += ["--runtime", options.runtime]
     methods = [f"m3depth:{path}" for path in weights["map"]]
     further = ["--estimator", *options.estimator] if options.estimator else []
     commands = {
@@ -191,6 +196,7 @@ def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping
             "pairs": dataset.digest,
             "weights": [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights[kind]],
             "code": source_digest(CODE[kind]),
+            "runtime": recorded_runtime([f"m3depth:{path}" for path in weights[kind]], options.runtime),
         }
         done = out / DONE
         if done.is_file() and read_json(done) == state:

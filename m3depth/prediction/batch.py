@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from m3depth.estimator import Estimator
 from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
@@ -71,13 +72,13 @@ class Batch:
     resumed: int = 0
 
 
-def batch_folder(options: PredictOptions, inputs: Inputs) -> ResultFolder:
-    """Return the folder of many pairs, which only the same settings continue."""
-    method = method_record(options)
+def batch_folder(options: PredictOptions, inputs: Inputs, estimator: Estimator | None = None) -> ResultFolder:
+    """Return the folder of many pairs, which only the same settings and the same method continue."""
+    method = method_record(options, estimator)
     settings = {
         **{name: _plain(value) for name, value in vars(options).items() if name not in NOT_SETTINGS},
         **vars(options.raw),
-        "estimator": method["estimator"], "weights": method["sha256"], "runtime": method["runtime"],
+        "estimator": method["estimator"], "weights": method.get("sha256"), "runtime": method.get("runtime"),
         **inputs.state(),
         "Code": source_digest(("marssim", "m3depth")),
     }  # fmt: skip
@@ -200,7 +201,7 @@ def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]
     }
 
 
-def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Method]) -> Batch:
+def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator | None = None) -> Batch:
     """Predict all pairs that have no results yet, and write what shows all of them.
 
     A pair that cannot be used is skipped with a warning.
@@ -208,19 +209,19 @@ def predict_many(options: PredictOptions, inputs: Inputs, load: Callable[[], Met
     Args:
         options: The command's flags.
         inputs: The pairs.
-        load: Loads the method; it is called once, if there is a pair to predict.
+        estimator: The method; None for the one that the flags name, which is loaded if there is a pair to predict.
 
     Raises:
         DatasetError: The folder holds results of other settings, or something else.
         ValueError: No pair can be used.
         KeyboardInterrupt: After SIGINT or SIGTERM, once the pairs at work are written.
     """
-    folder = batch_folder(options, inputs)
+    folder = batch_folder(options, inputs, estimator)
     folder.check()
     if options.cloud_frame == "world" and not any(map(inputs.has_pose, inputs.pairs)):
         raise ValueError("--cloud-frame world needs poses: give --poses")
     is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
-    method = None if is_whole else load()
+    method = None if is_whole else Method.of(options, estimator)
     with folder.claim(), stop_on_signal() as signals:
         try:
             batch = _predict_remaining(options, inputs, method, signals)

@@ -46,15 +46,15 @@ class Method:
             ValueError: The flags name no method; the message says which.
             OSError, ImportError: Its weights or its package are missing.
         """
+        given = estimator
         if estimator is None:
             name, flag = method_name(options)
             estimator = load_estimator(name, flag, device=options.device, runtime=options.used_runtime)
-            record = method_record(options)
-        else:
-            record = {"estimator": type(estimator).__name__}
+        record = method_record(options, given)
         with_settings(estimator, options.estimator, nearest=options.nearest, max_pixels=options.max_pixels)  # a check
         if options.steps and not getattr(estimator, "takes_steps", False):
-            raise ValueError(f"--steps: {record['estimator']} does not refine depth step by step; leave it out")
+            name = record["estimator"]
+            raise ValueError(f"--steps: {name} has no maps of refinement steps; leave it out, or give a network itself")
         return cls(estimator, record)
 
 
@@ -65,8 +65,10 @@ def method_name(options: PredictOptions) -> tuple[str, str]:
     return options.estimator, "--estimator"
 
 
-def method_record(options: PredictOptions) -> dict[str, Any]:
-    """Return what identifies the method that the flags name. Raises as EstimatorName.digest."""
+def method_record(options: PredictOptions, estimator: Estimator | None = None) -> dict[str, Any]:
+    """Return what identifies the method that the flags name, or the given one. Raises as EstimatorName.digest."""
+    if estimator is not None:
+        return {"estimator": type(estimator).__name__}
     name, _ = method_name(options)
     runtime = recorded_runtime([name], options.used_runtime, options.device)
     return {"estimator": name, "sha256": EstimatorName(name).digest(), "runtime": runtime}
@@ -82,7 +84,8 @@ class PreparedPair:
         common: Common disparity that stays out while the pair is matched [px].
         moved: By how much the right image was moved to the left [px].
         removed: The misalignment of the rows that was taken out, or None.
-        left_valid, right_valid: (H, W) bool, where the images show the scene, or None.
+        left_valid, right_valid: (H, W) bool, where the images show the scene, or None; the rows of the right one are
+            aligned, and its columns are not moved.
         warnings: What speaks against the pair, without making its result meaningless.
         rectified: What is to be written of a pair that was raw.
     """
@@ -175,6 +178,8 @@ def prepare(
     removed = rows if options.align_rows and rows is not None and rows.significant else None
     if removed is not None:
         right = aligned_right(right, rig, removed)
+        if right_valid is not None:
+            right_valid = aligned_right(right_valid.astype(np.uint8) * 255, rig, removed) > 127
     return PreparedPair(left, right, rig, common, moved, removed, left_valid, right_valid, warnings, rectified)
 
 

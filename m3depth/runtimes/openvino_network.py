@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from copy import deepcopy
 from functools import cache
 from threading import Lock
 from typing import Any
@@ -39,10 +40,11 @@ class OpenVinoM3Depth:
         """Convert the network, or read what an earlier process converted.
 
         Args:
-            network: The network, in evaluation mode, on any device.
+            network: The network, in evaluation mode, on any device, where it stays.
             dtype: torch.float32 or torch.bfloat16; None: what is faster on this processor.
         """
-        self.network = network.cpu()
+        device = next(network.parameters()).device
+        self.network = network if device.type == "cpu" else deepcopy(network).cpu()
         self.dtype = cpu_dtype() if dtype is None else dtype
         self._graphs = {False: self._graph(finer=False)}
         self._requests: OrderedDict[tuple[bool, int, int], openvino.InferRequest] = OrderedDict()

@@ -100,6 +100,9 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
 
     done = []
     monkeypatch.setattr(score_manifest, "evaluate", lambda flags: done.append(flags) or 130)
+    with monkeypatch.context() as patch:
+        patch.setattr(score_manifest, "recorded_runtime", lambda names, wanted: "openvino of another version")
+        assert score_manifest.main(arguments) == 130 and done.pop().count("--runtime") == 1 and not done
     assert score_manifest.main([*arguments, "--limit", "1"]) == 130 and len(done) == 1
     capsys.readouterr()
 

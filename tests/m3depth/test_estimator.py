@@ -7,6 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from small_rivals import TINY
 
 from m3depth.estimator import (
     Estimator,
@@ -18,6 +19,7 @@ from m3depth.estimator import (
     load_estimator,
 )
 from m3depth.holes import UnfilledEstimator
+from m3depth.kinds.networks import new_network
 from m3depth.predict import main as predict_command
 from m3depth.stereo.classical import SGBM, BlockMatching
 from m3depth.stereo.prediction import Prediction
@@ -68,6 +70,15 @@ def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
     monkeypatch.setattr("m3depth.network.device.chosen_device", lambda name: arguments.append(name) or "meta")
     network = load_estimator("m3depth", device=device)
     assert arguments == [device] and {p.device.type for p in network.parameters()} == {"meta"}
+
+
+def test_a_runtime_of_m3depth_does_not_matter_to_other_networks(tmp_path, monkeypatch):
+    network = new_network(TINY["raft-stereo"])
+    network.save_pretrained(tmp_path / "raft.safetensors")
+    monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: False)
+    assert load_estimator(f"m3depth:{tmp_path / 'raft.safetensors'}", runtime="openvino").takes_steps
+    with pytest.raises(ImportError, match="openvino"):
+        load_estimator("m3depth", runtime="openvino")
 
 
 def test_missing_weights_are_named():

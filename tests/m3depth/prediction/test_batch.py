@@ -61,6 +61,14 @@ def contents(out: Path) -> dict[str, bytes]:
     return {p.relative_to(out).as_posix(): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
+def test_a_folder_is_continued_with_the_same_class_alone(folder, tmp_path):
+    predict(options(folder, tmp_path), SGBM())
+    predict(options(folder, tmp_path), SGBM())
+    with pytest.raises(DatasetError, match="estimator"):
+        predict(options(folder, tmp_path), Counted())
+    assert Counted.calls == 0
+
+
 def test_each_pair_has_a_folder_and_all_of_them_an_overview(folder, tmp_path, capsys):
     predict(options(folder, tmp_path, poses=folder / "poses.txt", video=True), SGBM())
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -102,7 +110,7 @@ def test_a_killed_run_continues_without_a_difference(folder, tmp_path, capsys):
 
 
 def test_a_whole_folder_loads_nothing_again_and_other_settings_are_refused(folder, tmp_path, monkeypatch):
-    predict(options(folder, tmp_path, write=("depth",)), SGBM())
+    predict(options(folder, tmp_path, write=("depth",)))
     monkeypatch.setattr("m3depth.prediction.one_pair.load_estimator", lambda *a, **k: pytest.fail("loaded"))
     predict(options(folder, tmp_path, write=("depth",)))
     with pytest.raises(DatasetError, match=r"--min-confidence none, not 0\.3"):

@@ -1,8 +1,11 @@
 import cv2
 import numpy as np
 import pytest
+from turned_pairs import RIG, H, W, slope, turned
 
+from m3depth.predict import predict
 from m3depth.prediction.masks import is_valid_mask, read_valid, seen_by_mask, unknown_where, unmeasured
+from m3depth.prediction.options import PredictOptions
 from m3depth.stereo.prediction import Prediction
 
 
@@ -55,3 +58,19 @@ def test_masks_of_the_user_and_of_rectify_add_up(tmp_path):
     assert not is_valid_mask(tmp_path / "b_valid.png")
     with pytest.raises(ValueError, match=r"mask.png: is 8 x 6, its image is 9 x 6"):
         read_valid(image, tmp_path / "mask.png", (6, 9))
+
+
+def test_the_mask_of_the_right_image_is_turned_with_its_rows(tmp_path):
+    """Row 100 of the pair is row 102 of the right image as it was given, and of its mask."""
+    left, right = slope()
+    valid = np.full((H, W), 255, np.uint8)
+    valid[102:132] = 0
+    files = [tmp_path / f"{name}.png" for name in ("left", "right", "valid")]
+    for file, image in zip(files, (left, turned(right, RIG, 2.0, 0.0), valid), strict=True):
+        cv2.imwrite(str(file), image)
+    full = tmp_path / "full.png"
+    cv2.imwrite(str(full), np.full((H, W), 255, np.uint8))
+    flags = {"focal": RIG.camera.fx, "baseline": RIG.baseline, "estimator": "sgbm", "write": ("depth",)}
+    prediction = predict(PredictOptions(tuple(files[:2]), tmp_path / "out", mask=(full, files[2]), **flags))
+    unknown = np.isnan(prediction.depth[:, 100:-20]).mean(axis=1)
+    assert (unknown[101:129] > 0.99).all() and (unknown[[97, 98, 131, 132]] < 0.2).all()
