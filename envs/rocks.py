@@ -2,9 +2,10 @@
 
     python -m envs.rocks --data DIR [DIR ...] --split all --perception m3depth sgbm ground_truth --out out/rocks
 
-Each pair of the datasets is one look: its depth goes into an empty elevation map as the navigator's does, and the map
-shows what stands out of the ground (envs/rock_map.py defines what counts). m3depth.evaluate scores rocks on the depth
-map itself; this command scores them in the navigator's map. The rows of ground_truth show the best that the map can do.
+Each pair of the datasets is one look: its depth goes into an empty elevation map as the navigator's does, but without
+the alignment of rows, and the map shows what stands out of the ground (envs/rock_map.py defines what counts).
+m3depth.evaluate scores rocks on the depth map itself; this command scores them in the navigator's map. The rows of
+ground_truth show the best that the map can do.
 Writes results.json, results.md and rocks.png.
 """
 

@@ -7,7 +7,8 @@ nearly always a small turn of one camera, up or down and about its optical axis,
 
 These three are fitted to 30 to 384 points, and taken out by resampling the right image as the turned camera
 asks. That moves columns too: a rotation of 0.1 deg about the axis changes the disparities of NaTeCam by 0.4 px in the
-upper and lower rows. What hardly moves rows stays: a turn to the side, which is an error of all disparities.
+upper and lower rows. A turn to the side hardly moves rows, so it cannot be estimated from them, and stays as an error
+of all disparities.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ REACH = 1 / 32  # share of the width by which rows may lie apart
 FINE_WIDTH = 1024  # [px] width to which larger images are reduced
 MATCH_ERROR = 1.5  # [px of the searched images] of a true match, which is known to a pixel in columns and rows
 GRID = 33  # places along each side at which the rows' distance is averaged over the image
-TURN_ERRORS, SCALE_ERRORS = 3.0, 8.0  # standard errors from which a fit, and its scale, are no accident
+TURN_ERRORS, SCALE_ERRORS = 3.0, 8.0  # standard errors from which a fit, and its scale, are significant
 MATTERS = 0.1  # [px] below which M3Depth gains 2 % at most, measured
 
 
@@ -54,7 +55,7 @@ class RowFit:
 
     @property
     def significant(self) -> bool:
-        """Whether to take it out: it is no accident, and large enough to matter."""
+        """Whether to take it out: it is larger than its error, and large enough to matter."""
         return self.size > max(MATTERS, TURN_ERRORS * self.error)
 
     def __str__(self) -> str:

@@ -28,8 +28,8 @@ def possible_sky(
     """Return the part of what a network takes for sky that can be sky.
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
-    disparities best, or at most BELOW_HORIZON below it. Where too few pixels are confident, the horizon is not known,
-    and only the border decides.
+    disparities best, or at most BELOW_HORIZON below it. Where too few pixels are confident, and where the plane is seen
+    as a wall, the horizon is not known, and only the border decides. The image must be upright, as a rover's is.
 
     Args:
         candidates: (H, W) bool, what the network takes for sky.

@@ -285,7 +285,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("pixels", "--max-pixels must be positive, got 0"),
         ("not its own", "--nearest: --estimator sgbm takes no such setting"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
-        ("no steps", "--steps: sgbm does not refine depth step by step; leave it out"),
+        ("no steps", "--steps: sgbm has no maps of refinement steps; leave it out"),
         ("steps elsewhere", "--steps runs in PyTorch: leave out --runtime openvino"),
         ("out", "is not a folder"),
     ],
