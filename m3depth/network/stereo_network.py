@@ -15,6 +15,7 @@ from m3depth.network.output import GridMap
 from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.weights.storage import save_weights
 from marssim.base.camera import StereoRig
+from marssim.base.compute.waiting import warn_of_busy_threads
 
 
 class StereoNetwork(nn.Module):
@@ -129,6 +130,7 @@ class StereoNetwork(nn.Module):
         Raises:
             ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
         """
+        warn_of_busy_threads()
         device = next(self.parameters()).device
         return infer_pair(self._forward, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import sys
+import warnings
 
+_too_late = False  # whether PyTorch had been imported when wait_passively was called
 SETTINGS = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")  # variables by which a user decides it
 
 
@@ -16,5 +19,20 @@ def wait_passively() -> None:
     OpenMP reads the environment when it is loaded, with PyTorch: afterwards the call has no effect. Processes that this
     one starts inherit the setting.
     """
+    global _too_late
     if not any(name in os.environ for name in SETTINGS):
         os.environ["OMP_WAIT_POLICY"] = "passive"
+        _too_late = "torch" in sys.modules
+
+
+def warn_of_busy_threads() -> None:
+    """Warn, once, if PyTorch was imported before wait_passively was called, and has several threads."""
+    global _too_late
+    if _too_late and sys.modules["torch"].get_num_threads() > 1:
+        _too_late = False
+        warnings.warn(
+            "torch was imported before m3depth or envs, so its threads keep their cores busy while they wait, which is "
+            "slow where other programs use them; import m3depth or envs first, or set OMP_WAIT_POLICY=passive",
+            RuntimeWarning,
+            stacklevel=3,
+        )
