@@ -182,7 +182,7 @@ def cloud_pose(record: dict[str, Any]) -> np.ndarray:
 
 def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]:
     """Return what prediction.json says last: rows, what the maps hold, refinement steps, the scale shown, versions."""
-    removed = None if result.removed is None else str(result.removed)
+    removed = None if result.removed is None else result.removed.to_dict()
     depth = result.prediction.depth[np.isfinite(result.prediction.depth)]
     percentiles = None
     if depth.size:

@@ -58,6 +58,13 @@ class RowFit:
         """Whether to take it out: it is larger than its error, and large enough to matter."""
         return self.size > max(MATTERS, TURN_ERRORS * self.error)
 
+    def to_dict(self) -> dict[str, float]:
+        """Return the fit as results record it: distances in px, the rotation in degrees."""
+        return {
+            "offset_px": round(self.offset, 4), "rotation_deg": round(float(np.rad2deg(self.rotation)), 5),
+            "scale": round(1 + self.scale, 6), "rms_px": round(self.size, 4), "error_px": round(self.error, 4),
+        }  # fmt: skip
+
     def __str__(self) -> str:
         turn = f"offset {self.offset:+.2f} px, rotation {np.rad2deg(self.rotation):+.3f} deg"
         scale = f", scale {1 + self.scale:.4f}" if self.scale else ""
