@@ -37,11 +37,12 @@ from method_records import (
     record_of_run,
     scored_methods,
 )
-from methods_page import markdown, titled
+from methods_page import markdown
 from training_curves import curves_figure
 
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
+from m3depth.evaluation.report import marked
 from m3depth.figures.errors import interval_figure
 from m3depth.kinds.config import config_from_dict
 from m3depth.kinds.networks import new_network
@@ -272,8 +273,7 @@ def work(options: Options) -> None:
         "sets": compared(records, named[reference]),
     }
     for name, part in content["sets"].items():
-        shown = titled(part["intervals"], content["runs"])
-        interval_figure(shown, options.out / f"error_by_depth_{name}.png", NATECAM.fb)
+        interval_figure(dict(marked(part["intervals"])), options.out / f"error_by_depth_{name}.png", NATECAM.fb)
     if trained:
         curves_figure({name: run["training"] for name, run in trained.items()}, options.out / "curves.png")
     write_json(options.out / "methods.json", content, sort_keys=False)
