@@ -189,7 +189,7 @@ def _results() -> bytes:
     (split, condition, _), listed = next(item for item in suite.episodes.items() if item[0][2] == 0)
     episode = {
         "condition": condition, "course": 0, "driver": "straight", "perception": "ground_truth", "outcome": "stuck",
-        "success": False, "spl": 0.0, "shortest": listed["shortest"], "path_length": 1.0, "distance": 9.0,
+        "success": False, "spl": 0.0, "shortest": listed["shortest"], "path_length": 1.0, "distance": 19.5,
         "start_distance": float(np.hypot(*np.subtract(listed["goal"], listed["start"][:2]))), "steps": 5, "looks": 5,
         "abs_rel": None, "blind": 0, "rocks": None, "rocks_missed": None, "false_obstacles": None,
         "min_clearance": 0.5, "step_seconds": 0.1, "perception_seconds": 0.0, "code": "0",
