@@ -157,6 +157,9 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
         return f"distance must be at least {GOAL_RADIUS:g} m for {episode['outcome']}, got {episode['distance']:g}"
     if (off := abs(apart - episode["distance"])) > episode["path_length"] + AIR:
         return f"path_length must be at least {off:.2f} m, by the distances of the goal, got {episode['path_length']:g}"
+    least = apart - GOAL_RADIUS - AIR
+    if episode["success"] and episode["path_length"] < least:
+        return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
     return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode)
 
 

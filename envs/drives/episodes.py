@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
@@ -194,10 +194,10 @@ def run_episode(
         path_length=info["path_length"], min_clearance=info["min_clearance"], reward=log.reward,
         max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
-        redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=_mean(log.errors), blind=log.blind,
-        looks=log.looks, **log.rock_errors(),
+        redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=mean_of_measured(log.errors),
+        blind=log.blind, looks=log.looks, **log.rock_errors(),
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
-        slip=_mean(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
+        slip=mean_of_measured(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
         headings=[round(float(state.yaw), 4) for state in log.states],
         shortest_path=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),
@@ -271,7 +271,8 @@ def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, 
             watch(env, driver, len(log.states) - 1)
 
 
-def _mean(values: list[float | None]) -> float | None:
+def mean_of_measured(values: Sequence[float | None]) -> float | None:
+    """Return the mean of the values that were measured; None if none was."""
     numbers = [value for value in values if value is not None]
     return float(np.mean(numbers)) if numbers else None
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.drives.episodes import EpisodeRecord
+from envs.drives.episodes import EpisodeRecord, mean_of_measured
 from m3depth.evaluation.bootstrap import interval, resampled_means
 
 # outcomes by ENav's classes of failure, and one class for drives that odometry led to a wrong place
@@ -165,12 +165,6 @@ def _scores(record: EpisodeRecord) -> tuple[float, float]:
     return float(arrived), spl(arrived, record.shortest, record.path_length)
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean of those values that are there; None if none is."""
-    numbers = [value for value in values if value is not None]
-    return float(np.mean(numbers)) if numbers else None
-
-
 def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Return the metrics over the episodes of one driver, perception and cell.
 
@@ -210,9 +204,9 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
         "steps": float(np.mean([r.steps for r in records])),
         "step_seconds": float(np.mean([r.step_seconds for r in records])),
         "perception_seconds": float(np.mean([r.perception_seconds for r in records])),
-        "abs_rel": _mean([r.abs_rel for r in records]),
-        "slip": _mean([r.slip for r in records]),
-        "energy": _mean([r.energy for r in records]),
+        "abs_rel": mean_of_measured([r.abs_rel for r in records]),
+        "slip": mean_of_measured([r.slip for r in records]),
+        "energy": mean_of_measured([r.energy for r in records]),
         "redraws": redraws,
         "unreachable_share": redraws / (redraws + n),
     }

@@ -81,6 +81,7 @@ def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite
     ("values", "message"),
     [
         (("goal", 1.0, 0.9, 9), r"path_length must be at least 2.10 m, by the distances of the goal, got 1"),
+        (("goal", 1.93, 1.04, 9), r"path_length must be at least 1.95 m for an arrival, got 1.93"),
         (("goal", 3.0, 1.2, 9), r"distance must be at most 1 m for an arrival, got 1.2"),
         (("collision", 0.0, 0.0, 9), r"path_length must be at least 3.00 m, by the distances of the goal, got 0"),
         (("elsewhere", 1.0, 5.0, 9), r"path_length must be at least 2.00 m, by the distances of the goal, got 1"),
