@@ -24,9 +24,10 @@ from envs.world.perception import load_perception
 from envs.world.user_code import errors_of
 from m3depth.datasets.config import Split
 from m3depth.estimator import Estimator, checked_prediction
-from m3depth.evaluation.report import EDGES, edges_table, has_edges, rocks_table
+from m3depth.evaluation.report import EDGES, edges_table, has_edges, rocks_table, sky_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR
+from m3depth.evaluation.running_sums import SkyCounts
 from m3depth.figures.rocks import rocks_figure
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
@@ -104,6 +105,7 @@ def _count(
 ) -> dict[str, Any]:
     steps = sorted({config.step, *STEPS})
     counts_by_method = {name: {step: MapRockCounts() for step in steps} for name in methods}
+    sky_by_method = {name: SkyCounts() for name in methods}
     records: list[dict[str, Any]] = []
     for index, (dataset, number) in enumerate(watched(pairs, "pair", "rocks")):
         sample = dataset[number]
@@ -119,16 +121,19 @@ def _count(
         }  # fmt: skip
         turn = np.asarray(sample.meta["pose"], float)[:3, :3]
         rover = sample.rock < 0  # the rover itself, which no map holds
-        true = frame_map(np.where(rover, np.nan, sample.depth), None, sample.rig, turn)
+        true_depth = np.where(rover, np.nan, sample.depth)
+        true = frame_map(true_depth, None, sample.rig, turn)
         truth = true_rocks(scene, true, sample.rock > 0, sample.rig.fb)
         for name, method in methods.items():
             if method is None:
                 shown = true
+                sky_by_method[name].add(true_depth, true_depth)
             else:
                 with errors_of(method):
                     prediction = method.infer(left.copy(), right.copy(), sample.rig)  # it may write into them
                 prediction = checked_prediction(method, prediction, left.shape[:2])
                 shown = frame_map(np.where(rover, np.nan, prediction.depth), prediction.confidence, sample.rig, turn)
+                sky_by_method[name].add(prediction.depth, true_depth)
             for step, counts in counts_by_method[name].items():
                 of_pair = MapRockCounts()
                 count_rocks(of_pair, shown, scene, truth, step)
@@ -139,7 +144,8 @@ def _count(
     results = {
         name: {step: counts.result() for step, counts in by_step.items()} for name, by_step in counts_by_method.items()
     }
-    return _report(config, results, records, left_out=len(pairs) - len(records))
+    sky = {name: counts.result() for name, counts in sky_by_method.items()}
+    return _report(config, results, sky, records, left_out=len(pairs) - len(records))
 
 
 def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
@@ -154,13 +160,18 @@ def _pairs(config: RocksConfig) -> list[tuple[StereoDataset, int]]:
 
 
 def _report(
-    config: RocksConfig, by_step: dict[str, dict[float, dict[str, Any]]], records: list[dict[str, Any]], left_out: int
+    config: RocksConfig,
+    by_step: dict[str, dict[float, dict[str, Any]]],
+    sky: dict[str, dict[str, Any]],
+    records: list[dict[str, Any]],
+    left_out: int,
 ) -> dict[str, Any]:
     """Write the files, and return the content of results.json.
 
     Args:
         config: The command's flags.
         by_step: MapRockCounts.result() by method and height of an obstacle [m].
+        sky: SkyCounts.result() by method.
         records: The counts of each pair at --step, by method.
         left_out: Number of pairs without a pose, or that show no ground.
     """
@@ -175,7 +186,7 @@ def _report(
         "runtime": recorded_runtime(config.perception, config.runtime), "versions": versions(),
     }  # fmt: skip
     curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
-    content = {**about, "methods": results, "by_step": curve, "per_pair": records}
+    content = {**about, "methods": results, "by_step": curve, "sky": sky, "per_pair": records}
     write_json(config.out / "results.json", content, sort_keys=False)
     rocks_figure(results, config.out / "rocks.png")
     degraded = f", degraded by `{config.degrade}`" if config.degrade else ""
@@ -193,6 +204,8 @@ def _report(
         "Rocks of 0.2 m and more within 8 m, and obstacles that belong to no rock, for other heights of an obstacle:",
         "",
         *_curve_table(curve),
+        "",
+        *sky_table(sky),
         "",
         "![rocks](rocks.png)",
         "",

@@ -50,6 +50,9 @@ METRICS = {
     "abs_rel": Metric("Abs Rel on the way", _mean_abs_rel, logarithmic=True),
     "rocks_missed": Metric("share of rocks missed on the way", _ratio("rocks_missed", "rocks")),
     "false_obstacles": Metric("false obstacles in a look", _ratio("false_obstacles", "looks")),
+    "near_ground_as_sky": Metric(
+        "share of the ground within 8 m taken for sky", _ratio("near_ground_as_sky", "near_ground")
+    ),
 }
 
 

@@ -76,12 +76,14 @@ def plot_depth_metrics(
 ) -> None:
     """Plot success and SPL over each metric of the depth on the way, a dot for each condition and method.
 
+    Metrics that are 0 everywhere are left out.
+
     Args:
         path: File of the picture.
         dots: Of envs.comparison.depth_metrics.condition_dots, some of them with metrics.
         correlations: Of envs.comparison.depth_metrics.correlate.
     """
-    shown = [name for name in METRICS if any(dot[name] is not None for dot in dots)]
+    shown = [name for name in METRICS if any(dot[name] for dot in dots)]
     colours = {method: f"C{n}" for n, method in enumerate(dict.fromkeys(dot["method"] for dot in dots))}
     figure = Figure(figsize=(4.4 * len(shown) + 0.6, 7.4), dpi=110, layout="constrained")
     panels = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False)

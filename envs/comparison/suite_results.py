@@ -28,7 +28,8 @@ AIR = 0.05  # [m] by which a way may be shorter than its straight line
 STEP_WAY = ZHURONG.max_speed * STEP_SECONDS  # [m] that the rover drives in a step at most
 SLIDING = 2.0  # factor on that way for a rover that can slide downhill: with rigid bodies, or wheels that slip
 ANYWHERE = ("goal", "collision", "tilt")  # outcomes that a drive may have within GOAL_RADIUS of the goal
-NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles")  # null for drives with true depth
+# null for drives with true depth
+NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles", "near_ground", "near_ground_as_sky")
 
 Method = tuple[str, str]  # driver and perception
 Key = tuple[str, int]  # condition and number of the course
@@ -193,4 +194,7 @@ def _fault_of_depth(episode: Mapping[str, Any]) -> str | None:
     rocks, missed = (episode.get(name) or 0 for name in ("rocks", "rocks_missed"))
     if missed > rocks:
         return f"rocks_missed must be at most {rocks}, the number of rocks, got {missed}"
+    ground, as_sky = (episode.get(name) or 0 for name in ("near_ground", "near_ground_as_sky"))
+    if as_sky > ground:
+        return f"near_ground_as_sky must be at most {ground}, the pixels of near ground, got {as_sky}"
     return None

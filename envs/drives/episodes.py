@@ -13,7 +13,7 @@ from envs.courses.course import series_seed
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import MarsNavEnv
 from envs.world.action import ActionError
-from envs.world.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
+from envs.world.look_scores import GroundAsSky, RockErrors, is_blind, look_abs_rel, look_ground_as_sky, look_rock_errors
 from envs.world.user_code import UserCodeError, code_digest, errors_of
 from marssim.physics.state import RoverState
 from marssim.scene.scene import Scene
@@ -113,6 +113,10 @@ class EpisodeRecord:
     false_obstacles: int | None = None
     """Number of obstacles of 0.2 m and more within 8 m that the depth showed and that were not there, over all looks;
     None as `rocks`."""
+    near_ground: int | None = None
+    """Number of pixels with a true depth below 8 m, over all looks; None as `rocks`."""
+    near_ground_as_sky: int | None = None
+    """Number of those that the depth took for sky."""
     near_miss: bool = False
     """Whether there was no collision, but the clearance was below NEAR_MISS."""
     slip: float | None = None
@@ -195,7 +199,7 @@ def run_episode(
         max_tilt_deg=float(np.rad2deg(max((state.tilt for state in log.states[1:]), default=0.0))),
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=mean_of_measured(log.errors),
-        blind=log.blind, looks=log.looks, **log.rock_errors(),
+        blind=log.blind, looks=log.looks, **log.depth_errors(),
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
         slip=mean_of_measured(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
@@ -220,6 +224,7 @@ class _Log:
     looks: int = 0
     slips: list[float | None] = field(default_factory=list)
     rocks: list[RockErrors] = field(default_factory=list)
+    near_ground: list[GroundAsSky] = field(default_factory=list)
 
     def note_step(self, env: MarsNavEnv, info: dict[str, Any]) -> None:
         """Note where the rover stands, and its look if it took one."""
@@ -232,13 +237,22 @@ class _Log:
             self.blind += is_blind(env.sight)
             rocks = look_rock_errors(env.sight)
             self.rocks += [] if rocks is None else [rocks]
+            ground = look_ground_as_sky(env.sight)
+            self.near_ground += [] if ground is None else [ground]
 
-    def rock_errors(self) -> dict[str, int]:
-        """Return rocks, rocks_missed and false_obstacles over all looks; nothing with the ground truth."""
-        if not self.rocks:
-            return {}
-        names = ("rocks", "rocks_missed", "false_obstacles")
-        return {name: sum(numbers) for name, numbers in zip(names, zip(*self.rocks, strict=True), strict=True)}
+    def depth_errors(self) -> dict[str, int]:
+        """Return rocks, rocks_missed, false_obstacles, near_ground and near_ground_as_sky over all looks; nothing with
+        the ground truth."""
+        return {
+            **_sums(("rocks", "rocks_missed", "false_obstacles"), self.rocks),
+            **_sums(("near_ground", "near_ground_as_sky"), self.near_ground),
+        }
+
+
+def _sums(names: Sequence[str], looks: Sequence[tuple[int, ...]]) -> dict[str, int]:
+    """Return the sums of the numbers of all looks by name; nothing without looks."""
+    columns = zip(*looks, strict=True)
+    return {name: sum(numbers) for name, numbers in zip(names, columns, strict=True)} if looks else {}
 
 
 def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:

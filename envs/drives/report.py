@@ -12,6 +12,7 @@ from envs.drives.maps import plot_maps
 from envs.drives.metrics import UNREACHABLE_MARK
 from envs.drives.plots import plot_success
 from envs.world.referee import GOAL_RADIUS
+from m3depth.evaluation.running_sums import NEAR_GROUND
 from marssim.base.files.atomic import write_atomically
 
 LEGEND = f"""\
@@ -40,7 +41,7 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     """
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
-    page += looks_without_depth(records) + soil(content["results"])
+    page += looks_without_depth(records) + ground_as_sky(records) + soil(content["results"])
     write_atomically(out / "results.md", (page + errors_beside(content["test_set_abs_rel"], records)).encode())
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
@@ -147,6 +148,21 @@ def looks_without_depth(records: Sequence[EpisodeRecord]) -> str:
         if blind:
             share = f"{100 * blind / looks:.0f} %" if blind >= 0.01 * looks else "under 1 %"
             lines.append(f"\n{in_table(perception)} gave no depth at all in {blind} of its {looks} looks ({share}).\n")
+    return "".join(lines)
+
+
+def ground_as_sky(records: Sequence[EpisodeRecord]) -> str:
+    """Return lines with how much of the near ground each perception took for sky; none where that was not recorded."""
+    lines = []
+    for perception in sorted({r.perception for r in records}):
+        noted = [
+            r for r in records if r.perception == perception and r.near_ground and r.near_ground_as_sky is not None
+        ]
+        if noted:
+            share = sum(r.near_ground_as_sky or 0 for r in noted) / sum(r.near_ground or 0 for r in noted)
+            lines.append(
+                f"\n{in_table(perception)} took {100 * share:.3g} % of the ground within {NEAR_GROUND:g} m for sky.\n"
+            )
     return "".join(lines)
 
 

@@ -110,6 +110,7 @@ def _episode(record: EpisodeRecord) -> dict[str, Any]:
         "path_length": record.path_length, "distance": record.distance, "start_distance": record.start_distance,
         "steps": record.steps, "looks": record.looks, "abs_rel": record.abs_rel, "blind": record.blind,
         "rocks": record.rocks, "rocks_missed": record.rocks_missed, "false_obstacles": record.false_obstacles,
+        "near_ground": record.near_ground, "near_ground_as_sky": record.near_ground_as_sky,
         "slip": record.slip, "energy": record.energy, "min_clearance": record.min_clearance,
         "step_seconds": record.step_seconds, "perception_seconds": record.perception_seconds, "code": record.code,
     }  # fmt: skip

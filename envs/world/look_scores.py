@@ -11,6 +11,7 @@ from envs.world.perception import Sight
 from m3depth.evaluation.metrics import capped_depth, known_depth
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR, RockCounts
+from m3depth.evaluation.running_sums import SkyCounts
 from m3depth.stereo.pairs import MAX_DISPARITY
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
@@ -80,3 +81,22 @@ def look_rock_errors(sight: Sight) -> RockErrors | None:
     counts.add(Prediction(sight.depth, sight.rig.depth_to_disparity(sight.depth), None, sight.confidence), scene)
     figures = counts.result()[HIGH_AND_NEAR]
     return RockErrors(figures["rocks"], figures["rocks"] - figures["found"], figures["false"])
+
+
+class GroundAsSky(NamedTuple):
+    """How much of the near ground a depth takes for sky, which the navigator reads as free."""
+
+    near_ground: int
+    """Number of pixels with a true depth below 8 m."""
+    as_sky: int
+    """Number of those that the depth takes for sky."""
+
+
+def look_ground_as_sky(sight: Sight) -> GroundAsSky | None:
+    """Return how much of the near ground one look takes for sky, as m3depth.evaluate counts it; None with the ground
+    truth."""
+    if sight.true_depth is None or sight.true_depth is sight.depth:
+        return None
+    counts = SkyCounts()
+    counts.add(sight.depth, sight.true_depth)
+    return GroundAsSky(counts.ground, counts.ground_as_sky)

@@ -108,18 +108,27 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
         )
     lines += _by_kind(results, about["max_disparity_px"]) + _by_depth(results)
     lines += _rocks(results) + _confidence(results)
-    lines += ["", "## Sky", "", f"Near ground has a true depth under {NEAR_GROUND:g} m; as sky it reads as free.", ""]
-    lines += table(
-        ["method", *SKY_COLUMNS.values(), "sky pixels"],
-        [
-            [name, *(_percent(r["sky"].get(n)) for n in SKY_COLUMNS), str(r["sky"]["pixels"])]
-            for name, r in results.items()
-        ],
-    )
+    lines += ["", "## Sky", "", *sky_table({name: result["sky"] for name, result in results.items()})]
     for figure in FIGURES:
         lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
     versions = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
     return "\n".join([*lines, "", f"One run on one machine. {versions}.", ""])
+
+
+def sky_table(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the lines on sky that was missed and near ground that was predicted as sky. counts: SkyCounts.result() by
+    method."""
+    return [
+        f"Near ground has a true depth under {NEAR_GROUND:g} m; as sky it reads as free.",
+        "",
+        *table(
+            ["method", *SKY_COLUMNS.values(), "sky pixels"],
+            [
+                [name, *(_percent(of_method.get(column)) for column in SKY_COLUMNS), str(of_method["pixels"])]
+                for name, of_method in counts.items()
+            ],
+        ),
+    ]
 
 
 def depth_range_text(depth_range: Sequence[float]) -> str:

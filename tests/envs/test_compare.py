@@ -63,6 +63,11 @@ def broken(key, value):
         (broken("rocks", 3), "rocks must be null for true depth, got 3"),
         (lambda c: c["episodes"][0].update(perception="p", rocks=1, rocks_missed=9), "must be at most 1, the number"),
         (lambda c: c["episodes"][0].update(perception="p", rocks_missed=1), "rocks_missed must be at most 0, the"),
+        (
+            lambda c: c["episodes"][0].update(perception="p", near_ground=5, near_ground_as_sky=6),
+            "near_ground_as_sky must be at most 5, the pixels of near ground, got 6",
+        ),
+        (broken("near_ground", 7), "near_ground must be null for true depth, got 7"),
         (lambda c: c.update(weights=[]), "weights must be of type object, got []"),
         (lambda c: c.update(weights={"a": "x"}), "weights.a must be a SHA-256, got 'x'"),
         (lambda c: c.update(runtime=3), "runtime must be of type string or null, got 3"),

@@ -73,7 +73,10 @@ def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
     # the second frame has no rocks: there, the first two of those seen are false as well
     assert (melted["rocks"], melted["found"], methods["melted"]["false"]) == (3, 2, 1 + 3)
     assert "of 3 rocks of 0.2 m and more within 8 m 66.7 % found" in capsys.readouterr().out
-    assert "| melted | 0.2 m and more | 0-8 m | 3 | 2 |" in (out / "results.md").read_text()
+    page = (out / "results.md").read_text()
+    assert "| melted | 0.2 m and more | 0-8 m | 3 | 2 |" in page
+    assert results["sky"]["ground_truth"]["near_ground_as_sky"] == results["sky"]["ground_truth"]["missed"] == 0
+    assert results["sky"]["melted"]["near_ground_as_sky"] == 0 and "near ground predicted as sky" in page
     assert cv2.imread(str(out / "rocks.png")).std() > 10
 
 

@@ -15,7 +15,7 @@ def method(perception, spls, errors, missed=None, driver="navigator"):
         (condition, course): {
             "success": weighted > 0, "spl": weighted, "abs_rel": error, "looks": 10,
             "rocks": None if missed is None else 4, "rocks_missed": None if missed is None else missed[n],
-            "false_obstacles": None,
+            "false_obstacles": None, "near_ground": 1000, "near_ground_as_sky": 0,
         }
         for n, (condition, weighted, error) in enumerate(zip(CONDITIONS, spls, errors, strict=True))
         for course in (0, 1)
@@ -70,7 +70,7 @@ def test_values_that_differ_by_rounding_alone_are_equal():
         {
             "condition": str(n), "method": "eyes", "success_rate": n / 20, "spl": 0.5,
             "success_rate_less_truth": n / 20 - (n + 1) / 20, "spl_less_truth": None,
-            "abs_rel": 0.01 * n, "rocks_missed": None, "false_obstacles": None,
+            "abs_rel": 0.01 * n, "rocks_missed": None, "false_obstacles": None, "near_ground_as_sky": None,
         }
         for n in range(12, 19)
     ]  # fmt: skip
@@ -110,3 +110,4 @@ def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path, drawn_figu
     assert set(lines) == {"eyes", "more"}  # the true depth has no error
     missed = panels[1, METRICS["rocks_missed"].words]
     assert [line.get_label() for line in missed.lines] == ["eyes"]
+    assert {label for _, label in panels if label} == {METRICS[name].words for name in ("abs_rel", "rocks_missed")}

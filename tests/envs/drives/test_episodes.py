@@ -265,11 +265,12 @@ def test_the_error_on_the_way_is_that_of_the_test_set(on_course, make_scene, mak
         def infer(self, left, right, rig):
             depth = np.full(left.shape[:2], 4.0, np.float32)
             depth[::3] = np.nan
+            depth[1::3] = np.inf
             return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones_like(depth))
 
     scene = make_scene(rocks=[(-1.6, 0.0, 0.6, 1.1)])
     env = on_course(make_course(scene), perception=Squinting(), mast=True)
-    near, errors = [], []
+    near, errors, as_sky = [], [], []
 
     def look(env, driver, step):
         if env.outcome != "driving":  # the driver has stopped, and nothing new was seen
@@ -284,8 +285,13 @@ def test_the_error_on_the_way_is_that_of_the_test_set(on_course, make_scene, mak
             occluded=nothing > 0, rock=nothing, rig=NATECAM, meta={},
         )  # fmt: skip
         seen = Squinting().infer(env.sight.left, env.sight.right, NATECAM)
-        errors.append(Scores().add(seen, ScoredPair(truth))["abs_rel"])
+        scores = Scores().add(seen, ScoredPair(truth))
+        errors.append(scores["abs_rel"])
+        as_sky.append(scores["counts"]["sky"])
 
     record = run_episode(env, Halting(), Cell(), 0, 0, watch=look)
     assert len(errors) == 3 and min(near) > 100
     assert record.abs_rel == pytest.approx(np.mean(errors), rel=1e-5) and record.blind == 0
+    counted = (record.near_ground, record.near_ground_as_sky)
+    assert counted == tuple(sum(sky[name] for sky in as_sky) for name in ("ground", "ground_as_sky"))
+    assert 0 < counted[1] < counted[0]

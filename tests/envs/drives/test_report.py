@@ -16,6 +16,7 @@ from envs.drives.report import (
     bounds,
     differences,
     errors_beside,
+    ground_as_sky,
     looks_without_depth,
     soil,
     states_of_the_code,
@@ -54,6 +55,13 @@ def test_every_figure_of_the_table_is_explained_below_it():
     for name in ", ".join(columns).replace(" (95 %)", "").split(", "):
         assert name.casefold() in " ".join(legend.split()).casefold(), name
     assert legend.startswith("Success: the rover came within 1 m of the goal;")
+
+
+def test_near_ground_that_was_taken_for_sky_is_in_the_page():
+    assert ground_as_sky([DRIVE, replace(DRIVE, near_ground=0, near_ground_as_sky=0)]) == ""
+    drives = [replace(DRIVE, near_ground=3000, near_ground_as_sky=n) for n in (0, 3)]
+    assert ground_as_sky([DRIVE, *drives]) == "\nsgbm took 0.05 % of the ground within 8 m for sky.\n"
+    assert ground_as_sky(drives[:1]) == "\nsgbm took 0 % of the ground within 8 m for sky.\n"
 
 
 def test_a_cell_with_many_unreachable_goals_is_marked():

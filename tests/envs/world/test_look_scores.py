@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.world.eyes import EyesConfig
-from envs.world.look_scores import RockErrors, is_blind, look_abs_rel, look_rock_errors
+from envs.world.look_scores import GroundAsSky, RockErrors, is_blind, look_abs_rel, look_ground_as_sky, look_rock_errors
 from m3depth.stereo.prediction import Prediction
 
 
@@ -40,9 +40,19 @@ def test_ground_that_is_measured_too_near_is_a_false_obstacle(sight):
     assert look_rock_errors(replace(sight, depth=depth)) == RockErrors(1, 0, 1)
 
 
+def test_near_ground_that_is_taken_for_sky_is_counted(sight):
+    near = sight.true_depth < 8
+    assert look_ground_as_sky(sight) == GroundAsSky(near.sum(), 0)  # unknown is no sky
+    some = near.copy()
+    some[::2] = False
+    depth = np.where(some | (sight.true_depth > 10), np.float32(np.inf), sight.true_depth)
+    assert look_ground_as_sky(replace(sight, depth=depth)) == GroundAsSky(near.sum(), some.sum())
+
+
 def test_true_depth_itself_has_no_errors(on_course, make_scene, make_course):
     env = on_course(make_course(make_scene()), eyes=EyesConfig(64, 64))
     assert look_rock_errors(env.sight) is None and look_abs_rel(env.sight) is None
+    assert look_ground_as_sky(env.sight) is None
 
 
 def test_a_look_without_ground_has_no_rocks(sight):
