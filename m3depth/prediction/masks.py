@@ -49,6 +49,11 @@ def read_valid(image: Path | None, mask: Path | None, shape: tuple[int, int]) ->
     return valid
 
 
+def moved_mask(valid: np.ndarray, shift: float) -> np.ndarray:
+    """Return the mask (H, W) of a right image that is moved to the left by a shift [px]."""
+    return align_right(valid.astype(np.uint8) * 255, shift) > 127
+
+
 def seen_by_mask(prediction: Prediction, right_valid: np.ndarray, shift: float = 0.0) -> np.ndarray:
     """Return where the right image shows the scene at the match of a left pixel, (H, W) bool.
 
@@ -59,13 +64,28 @@ def seen_by_mask(prediction: Prediction, right_valid: np.ndarray, shift: float =
         right_valid: (H, W) bool of the right image as it was given.
         shift: By how much the right image was then moved to the left [px].
     """
-    moved = align_right(right_valid.astype(np.uint8) * 255, shift) > 127
+    moved = moved_mask(right_valid, shift)
     width = moved.shape[1]
     with np.errstate(invalid="ignore"):
         column = np.arange(width) - prediction.disparity
         inside = (column >= 0) & (column <= width - 1)
     nearest = np.round(np.where(inside, column, 0)).astype(int)
     return ~inside | np.take_along_axis(moved, nearest, axis=1)
+
+
+def without_upper_margin(image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
+    """Return an image whose upper margin, where a mask is black from the border on, repeats the pixel below it.
+
+    Sky is connected with the upper border (m3depth.stereo.sky), so below a margin of another colour it would be lost.
+
+    Args:
+        image: (H, W) or (H, W, 3).
+        valid: (H, W) bool, where the image shows the scene; None is everywhere.
+    """
+    if valid is None or valid[0].all():
+        return image
+    row = np.maximum(np.arange(len(image))[:, None], valid.argmax(axis=0))
+    return np.take_along_axis(image, row.reshape(*row.shape, *(1,) * (image.ndim - 2)), axis=0)
 
 
 def without_sky_normals(prediction: Prediction) -> Prediction:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,15 @@ from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
 from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
-from m3depth.prediction.masks import read_valid, seen_by_mask, unknown_where, unmeasured, without_sky_normals
+from m3depth.prediction.masks import (
+    moved_mask,
+    read_valid,
+    seen_by_mask,
+    unknown_where,
+    unmeasured,
+    without_sky_normals,
+    without_upper_margin,
+)
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.pair_checks import check_pair, empty_or_same, rows_of
 from m3depth.prediction.settings import with_settings
@@ -203,12 +211,13 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     nearest = options.nearest
     if pair.common and (nearest is not None or takes_setting(method.estimator, "nearest")):
         nearest = nearest_without(nearest or NEAREST, pair.rig, pair.common)
+    shown = _without_upper_margins(pair)
     infer = with_settings(method.estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
-    prediction = infer(pair.left, pair.right, pair.rig)
+    prediction = infer(shown.left, shown.right, pair.rig)
     unknown = unmeasured(prediction, options.min_confidence)
     difference, compared, agreeing = None, 0, 0
     if options.left_right:
-        difference = left_right_difference(infer, pair.left, pair.right, pair.rig, prediction)
+        difference = left_right_difference(infer, shown.left, shown.right, pair.rig, prediction)
         agree = difference <= AGREEMENT
         both_see = np.isfinite(prediction.depth) & np.isfinite(difference)
         compared, agreeing = int(both_see.sum()), int((both_see & agree).sum())
@@ -219,11 +228,18 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
         unknown |= ~seen_by_mask(prediction, pair.right_valid, pair.moved)
     prediction = unknown_where(without_sky_normals(prediction), unknown)
     prediction = given_back(prediction, pair.rig, pair.common)
-    steps = refinement_steps(pair, method, nearest, options.max_pixels) if options.steps else []
+    steps = refinement_steps(shown, method, nearest, options.max_pixels) if options.steps else []
     return PairPrediction(
         pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common,
         pair.rectified,
     )  # fmt: skip
+
+
+def _without_upper_margins(pair: PreparedPair) -> PreparedPair:
+    """Return the pair with images in which no upper margin parts the sky from the border."""
+    right_valid = None if pair.right_valid is None else moved_mask(pair.right_valid, pair.moved)
+    left = without_upper_margin(pair.left, pair.left_valid)
+    return replace(pair, left=left, right=without_upper_margin(pair.right, right_valid))
 
 
 def refinement_steps(

@@ -4,7 +4,14 @@ import pytest
 from turned_pairs import RIG, H, W, slope, turned
 
 from m3depth.predict import predict
-from m3depth.prediction.masks import is_valid_mask, read_valid, seen_by_mask, unknown_where, unmeasured
+from m3depth.prediction.masks import (
+    is_valid_mask,
+    read_valid,
+    seen_by_mask,
+    unknown_where,
+    unmeasured,
+    without_upper_margin,
+)
 from m3depth.prediction.options import PredictOptions
 from m3depth.stereo.prediction import Prediction
 
@@ -32,6 +39,17 @@ def test_low_confidence_is_unmeasured_but_sky_is_not():
     filled = flat()
     filled.confidence[2] = 0
     assert unmeasured(filled)[2].all() and not unmeasured(filled)[[0, 1, 3]].any()
+
+
+@pytest.mark.parametrize("colours", [(), (3,)])
+def test_the_upper_margin_repeats_the_pixel_below_it(colours):
+    image = np.random.default_rng(0).integers(0, 255, (6, 5, *colours), dtype=np.uint8)
+    valid = np.ones((6, 5), bool)
+    assert without_upper_margin(image, None) is image and without_upper_margin(image, valid) is image
+    valid[:3, 1], valid[:, 2], valid[2:4, 3], valid[0, 4] = False, False, False, False
+    expected = image.copy()
+    expected[:3, 1], expected[0, 4] = image[3, 1], image[1, 4]
+    assert np.array_equal(without_upper_margin(image, valid), expected)
 
 
 @pytest.mark.parametrize("shift", [0.0, 2.0])
@@ -74,3 +92,29 @@ def test_the_mask_of_the_right_image_is_turned_with_its_rows(tmp_path):
     prediction = predict(PredictOptions(tuple(files[:2]), tmp_path / "out", mask=(full, files[2]), **flags))
     unknown = np.isnan(prediction.depth[:, 100:-20]).mean(axis=1)
     assert (unknown[101:129] > 0.99).all() and (unknown[[97, 98, 131, 132]] < 0.2).all()
+
+
+def test_the_method_sees_no_margin_above_the_scene(tmp_path):
+    """Both images are black above row 20, as after a rectification: the right one as it is moved."""
+    seen = []
+
+    class Watching:
+        def infer(self, left, right, rig):
+            seen.append((left, right))
+            depth = np.full((H, W), 5, np.float32)
+            return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones_like(depth))
+
+    left, right = slope()
+    valid = np.full((H, W), 255, np.uint8)
+    valid[:20] = 0
+    files = [tmp_path / f"{name}.png" for name in ("left", "right", "valid")]
+    for file, image in zip(files, (left, right, valid), strict=True):
+        image = image.copy()
+        image[:20] = 0
+        cv2.imwrite(str(file), image)
+    flags = {"focal": RIG.camera.fx, "baseline": RIG.baseline, "write": ("depth",), "unchecked": True}
+    options = PredictOptions(tuple(files[:2]), tmp_path / "out", mask=(files[2], files[2]), **flags)
+    prediction = predict(options, Watching())
+    for image in seen[0]:
+        assert (image[:20] == image[20]).all() and image[20].any()
+    assert np.isnan(prediction.depth[:20]).all() and np.isfinite(prediction.depth[20:]).all()
