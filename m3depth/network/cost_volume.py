@@ -53,9 +53,11 @@ def group_correlation_volume(left: Tensor, right: Tensor, hypotheses: int, group
         (B, G, D, H, W): the mean product over the C / G channels of each group; 0 where x - i lies outside.
     """
     width = right.shape[-1]
+    # Contiguous, so that the channels of a group are a view: with the channels last, each product would be copied.
+    left, right = (features.contiguous().unflatten(1, (groups, -1)) for features in (left, right))
     shifted = (F.pad(right, (i, 0))[..., :width] for i in range(hypotheses))
     # One hypothesis after the other: the products of all channels at once would take by far the most memory.
-    return torch.stack([(left * other).unflatten(1, (groups, -1)).mean(2) for other in shifted], 2)
+    return torch.stack([(left * other).mean(2) for other in shifted], 2)
 
 
 def soft_argmin(logits: Tensor, step: float) -> Tensor:

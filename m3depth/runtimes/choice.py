@@ -10,12 +10,9 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from m3depth.weights.config_json import kind_in_file
-
-if TYPE_CHECKING:
-    import torch
 
 RuntimeName = Literal["pytorch", "openvino"]
 RuntimeChoice = Literal["auto", "pytorch", "openvino"]
@@ -60,18 +57,6 @@ def openvino_is_installed() -> bool:
     return find_spec("openvino") is not None
 
 
-def cpu_dtype() -> torch.dtype:
-    """Return the precision in which OpenVINO computes the convolutions here.
-
-    That is bf16 only with AMX. By AVX-512 BF16 alone, which PyTorch makes use of, OpenVINO's convolutions are no
-    faster than in fp32.
-    """
-    import torch
-
-    amx = getattr(torch.cpu, "_is_amx_tile_supported", lambda: False)()
-    return torch.bfloat16 if amx else torch.float32
-
-
 def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "auto") -> str | None:
     """Return what runs M3Depth, as results record it: "openvino 2026.4.1 cpu bf16".
 
@@ -103,8 +88,7 @@ def _device_and_precision(name: RuntimeName, wanted: str) -> tuple[str, str]:
     from m3depth.network.device import chosen_device, fast_dtype
 
     device = torch.device("cpu") if name == "openvino" else chosen_device(wanted)
-    dtype = cpu_dtype() if name == "openvino" else fast_dtype(device)
-    return device.type, "bf16" if dtype == torch.bfloat16 else "fp32"
+    return device.type, "fp32" if fast_dtype(device) is None else "bf16"
 
 
 def _is_m3depth(name: str) -> bool:

@@ -37,7 +37,7 @@ def converted(network: M3Depth, finer: bool, dtype: torch.dtype) -> bytes:
         dtype: Precision of the convolutions, torch.float32 or torch.bfloat16.
     """
     config = network.config
-    wrapped = _Graph(_in_precision(network, dtype), dtype).eval()
+    wrapped = _Graph(_rewritten(network, dtype), dtype).eval()
     # No multiple of the network's, and short of one by more than a cell: paddings then become part of the graph.
     height = 2 * config.size_multiple - 14
     size = (height, height + 4)
@@ -92,17 +92,40 @@ class _Graph(nn.Module):
         return maps if out.context is None else (*maps, out.context.float())
 
 
-def _in_precision(network: M3Depth, dtype: torch.dtype) -> M3Depth:
-    """Return the network, or a copy whose convolutions have their weights in low precision."""
-    if dtype == torch.float32:
-        return network
-    low = copy.deepcopy(network)
-    for layer in low.modules():
-        if isinstance(layer, nn.Conv2d | nn.Conv3d | nn.ConvTranspose3d):
+class _GroupNorm(nn.Module):
+    """A group normalisation in fp32 that takes means over places first, then over the channels of a group.
+
+    OpenVINO's makes one axis of the channels and places of a group. Its convolutions have the channels last in memory,
+    so it copies their results for that, and back for the next convolution.
+    """
+
+    def __init__(self, norm: nn.GroupNorm, dtype: torch.dtype) -> None:
+        super().__init__()
+        self.groups, self.eps, self.dtype = norm.num_groups, norm.eps, dtype
+        self.weight, self.bias = norm.weight, norm.bias
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = x.float()
+        of_channels = (-1, *(1,) * (x.ndim - 2))
+        x = x - self._means(x)
+        scale = torch.rsqrt(self._means(x * x) + self.eps) * self.weight.view(of_channels)
+        return (x * scale + self.bias.view(of_channels)).to(self.dtype)
+
+    def _means(self, x: Tensor) -> Tensor:
+        """Return the mean of each channel's group, (B, C, 1, ...); x: (B, C, ...)."""
+        by_group = x.mean(tuple(range(2, x.ndim)), keepdim=True).unflatten(1, (self.groups, -1))
+        return by_group.mean(2, keepdim=True).expand_as(by_group).flatten(1, 2)
+
+
+def _rewritten(network: M3Depth, dtype: torch.dtype) -> M3Depth:
+    """Return a copy of a network whose layers are as OpenVINO computes them fast, in a precision."""
+    rewritten = copy.deepcopy(network)
+    for layer in [*rewritten.modules()]:
+        for name, part in layer.named_children():
+            if isinstance(part, nn.GroupNorm):
+                setattr(layer, name, _GroupNorm(part, dtype))
+        if dtype != torch.float32 and isinstance(layer, nn.Conv2d | nn.Conv3d | nn.ConvTranspose3d):
             layer.to(dtype)
             # OpenVINO reads numbers of bf16 in the order of the memory, which channels_last changes
             layer.weight.data = layer.weight.data.contiguous()
-        elif isinstance(layer, nn.GroupNorm):  # of which OpenVINO has none in bf16 for small maps
-            layer.register_forward_pre_hook(lambda _, inputs: (inputs[0].float(),))
-            layer.register_forward_hook(lambda _, inputs, output: output.to(dtype))
-    return low
+    return rewritten

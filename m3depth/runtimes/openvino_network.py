@@ -13,10 +13,10 @@ import openvino
 import torch
 from torch import Tensor
 
+from m3depth.network.device import fast_dtype
 from m3depth.network.inference import infer_pair
 from m3depth.network.model import M3Depth
 from m3depth.network.output import Start, StereoOutput
-from m3depth.runtimes.choice import cpu_dtype
 from m3depth.runtimes.graph_files import graph_name, kept
 from m3depth.runtimes.graphs import converted
 from m3depth.stereo.prediction import Prediction
@@ -41,11 +41,11 @@ class OpenVinoM3Depth:
 
         Args:
             network: The network, in evaluation mode, on any device, where it stays.
-            dtype: torch.float32 or torch.bfloat16; None: what is faster on this processor.
+            dtype: torch.float32 or torch.bfloat16; None: as PyTorch computes on this processor.
         """
         device = next(network.parameters()).device
         self.network = network if device.type == "cpu" else deepcopy(network).cpu()
-        self.dtype = cpu_dtype() if dtype is None else dtype
+        self.dtype = dtype or fast_dtype(torch.device("cpu")) or torch.float32
         self._graphs = {False: self._graph(finer=False)}
         self._requests: OrderedDict[tuple[bool, int, int], openvino.InferRequest] = OrderedDict()
         self._lock = Lock()

@@ -3,11 +3,18 @@
 import os
 import subprocess
 import sys
+from statistics import median
+from time import process_time
 
+import numpy as np
 import pytest
 
+from m3depth import load_estimator
 from m3depth.runtimes.choice import openvino_is_installed
+from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 from marssim.base.compute.waiting import SETTINGS
+from marssim.base.dataset.dataset import StereoDataset
+from marssim.generate import main as generate
 
 pytestmark = pytest.mark.benchmark
 
@@ -53,3 +60,34 @@ def test_a_pair_beside_busy_loops(capsys, runtime, settings, loops):
             process.wait()
     with capsys.disabled():
         print(f"\n{runtime} {settings or ''} beside {loops} busy loops: {float(done.stdout):.2f} s", end="")
+
+
+@pytest.mark.parametrize(("size", "pairs"), [(512, 10), (1024, 2)])
+def test_maps_and_processor_time_of_both_runtimes(tmp_path, capsys, monkeypatch, size, pairs):
+    """The shipped weights on pairs of all places: how much the disparities differ, their errors, and the time."""
+    if not openvino_is_installed():
+        pytest.skip("needs OpenVINO")
+    monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
+    rig = ["--rig.width", str(size), "--rig.height", str(size), "--rig.focal", str(595.9 * size / 512)]
+    assert generate(["--out", str(tmp_path), "--pairs", str(pairs), "--scene", "mixed", "--seed", "3", *rig]) == 0
+    networks = {name: load_estimator("m3depth", device="cpu", runtime=name) for name in ("pytorch", "openvino")}
+    disparities: dict[str, list[np.ndarray]] = {name: [] for name in networks}
+    seconds: dict[str, list[float]] = {name: [] for name in networks}
+    truths = []
+    for sample in StereoDataset(tmp_path):
+        scored = (sample.depth >= MIN_DEPTH) & (sample.depth <= MAX_DEPTH)
+        truths.append(sample.disparity[scored])
+        for name, network in networks.items():
+            for _ in range(2):  # the first time, OpenVINO compiles
+                start = process_time()
+                prediction = network.infer(sample.left, sample.right, sample.rig)
+                spent = process_time() - start
+            seconds[name].append(spent)
+            disparities[name].append(np.nan_to_num(prediction.disparity[scored]))
+    errors = {name: [np.abs(d - t).mean() for d, t in zip(maps, truths)] for name, maps in disparities.items()}
+    apart = np.mean([np.abs(a - b).mean() for a, b in zip(*disparities.values())])
+    most = np.abs(np.subtract(*errors.values())).max()
+    with capsys.disabled():
+        print(f"\n{size} px, {pairs} pairs: disparities differ by {apart:.4f} px, errors by at most {most:.4f} px")
+        for name in networks:
+            print(f"{name}: error {np.mean(errors[name]):.4f} px, {median(seconds[name]):.2f} s of processor time")

@@ -74,9 +74,9 @@ def test_no_runtime_is_recorded_without_m3depth():
     assert recorded_runtime(["ground_truth", "sgbm", "my_stereo:m3depth"]) is None
 
 
-@pytest.mark.parametrize(("amx", "precision"), [(False, "fp32"), (True, "bf16")])
-def test_results_record_openvino(installed, monkeypatch, amx, precision):
-    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+@pytest.mark.parametrize(("dtype", "precision"), [(None, "fp32"), (torch.bfloat16, "bf16")])
+def test_results_record_openvino(installed, monkeypatch, dtype, precision):
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: dtype)
     record = f"openvino {version('openvino')} cpu {precision}"
     assert recorded_runtime(["m3depth"], device="cpu") == recorded_runtime(["m3depth"], "openvino") == record
 

@@ -60,7 +60,7 @@ def test_nearest_and_max_pixels_do_the_same(small_network, in_fp32):
 
 
 def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolutions(in_fp32, monkeypatch):
-    monkeypatch.setattr("m3depth.runtimes.openvino_network.cpu_dtype", lambda: BF16)
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.fast_dtype", lambda device: BF16)
     left, right = ((255 * eye[0]).astype(np.uint8).transpose(1, 2, 0) for eye in textured_pair(1, 256, 320))
     images = left, right, StereoRig(PinholeCamera.centred(320, 256, 350.0), 0.27)
     network, fast = load_estimator("m3depth", runtime="pytorch"), load_estimator("m3depth")
