@@ -300,7 +300,10 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,
         align_rows=config.align_rows, slip=config.slip_config(), eyes=config.eyes,
-        condition={"into_sun": config.into_sun, "ditch": config.ditch, **values_of(config, task.cell)},
+        # The flags of the look are of the place, and of one that a condition takes instead.
+        condition={
+            **config.look_flags(), "into_sun": config.into_sun, "ditch": config.ditch, **values_of(config, task.cell),
+        },
     )  # fmt: skip
     try:
         with one_thread():

@@ -65,6 +65,8 @@ class MakeSuiteConfig:
             raise ValueError(f"{given} is for a new suite: that of --held-out has its own name and conditions")
         if self.out is None and (self.held_out is None or self.published is not None):
             raise ValueError("--out must name the file of the suite")
+        if self.out is not None and self.out.suffix != ".json":
+            raise ValueError(f"--out {self.out}: the file of a suite must end in .json")
         if self.out is not None and self.held_out is not None and self.published is None:
             raise ValueError("--out needs --published: without it, the command prints the digest, and writes no file")
 

@@ -57,7 +57,7 @@ def report(config: ReportConfig) -> list[Path]:
     first = config.drives[0]
     if not first.is_dir():
         out = config.out or first.with_suffix(".html")
-        if out in config.drives:
+        if out.resolve() in [drive.resolve() for drive in config.drives]:
             raise ValueError(f"--out {out}: is a drive; name another page")
         drives = [read_drive(path) for path in config.drives]
         if difference := _difference_of_courses(drives[0], drives[-1]):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.ground.elevation import ElevationConfig
 from nav.ground.traversability import TraversabilityConfig
 from nav.path.planner_config import PlannerConfig
@@ -78,3 +79,31 @@ class NavigatorConfig:
                 f"risk_steps must be more than closed_steps, got {self.risk_steps} and {self.closed_steps}: "
                 "the navigator would never give up"
             )
+
+    @classmethod
+    def of_rover(cls, spec: RoverSpec) -> NavigatorConfig:
+        """Return the settings for a rover.
+
+        The heights and angles that it may drive over are those for Zhurong, in proportion to obstacle_height, max_slope
+        and max_tilt of the two.
+        """
+        height = spec.obstacle_height / ZHURONG.obstacle_height
+        slope, tilt = spec.max_slope / ZHURONG.max_slope, spec.max_tilt / ZHURONG.max_tilt
+        config = cls()
+        ground, drops = config.traversability, config.elevation.drops
+        return replace(
+            config,
+            elevation=replace(config.elevation, drops=replace(drops, least_drop=height * drops.least_drop)),
+            traversability=replace(
+                ground,
+                step_free=height * ground.step_free,
+                step_blocked=height * ground.step_blocked,
+                slope_free_deg=slope * ground.slope_free_deg,
+                slope_blocked_deg=slope * ground.slope_blocked_deg,
+            ),
+            planner=replace(config.planner, tilt_limit_deg=tilt * config.planner.tilt_limit_deg),
+            risk_levels=tuple(
+                RiskLevel(height * level.step, slope * level.slope_deg, level.margin_share)
+                for level in config.risk_levels
+            ),
+        )

@@ -66,7 +66,7 @@ class MapOptions:
     out: Path
     """Folder to write the map to; a map in it is replaced."""
     cell: float = 0.1
-    """Edge of a cell [m], from 0.02 to 2."""
+    """Edge of a cell [m], from 0.02 to 0.5: slopes are those of planes through the cells within 1.1 m."""
     max_range: float = 12.0
     """Depth [m], above 0.5, beyond which points are left out."""
     min_confidence: float = 0.5
@@ -78,8 +78,8 @@ class MapOptions:
     frame in metres."""
 
     def __post_init__(self) -> None:
-        if not 0.02 <= self.cell <= 2:
-            raise ValueError(f"cell must be 0.02 to 2 m, got {self.cell:g}")
+        if not 0.02 <= self.cell <= 0.5:
+            raise ValueError(f"cell must be 0.02 to 0.5 m, got {self.cell:g}")
         if not 0.5 < self.max_range < np.inf:
             raise ValueError(f"max_range must be finite and over 0.5 m, got {self.max_range:g}")
         if not 0 <= self.min_confidence <= 1:
@@ -240,7 +240,8 @@ def _work(options: MapOptions) -> None:
         f"{100 * count.beyond / max(count.known, 1):.0f} % of the depth lies beyond --max-range {options.max_range:g} m"
     )
     if not elevation.measured.any():
-        reason = "is sure enough for a map" if count.beyond < MOSTLY * count.known else f"makes a map: {far}"
+        too_far = count.known > 0 and count.beyond >= MOSTLY * count.known
+        reason = f"makes a map: {far}" if too_far else "is sure enough for a map"
         raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m {reason}")
     for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None):
         print(f"warning: {message}", file=sys.stderr)

@@ -41,7 +41,7 @@ from marssim.base.camera import StereoRig
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
-from nav.controller import steerable
+from nav.controller import point_turn, steerable
 from nav.ground.elevation import ElevationMap
 from nav.ground.masks import Area, disc_mask, outside_mask, rectangle_mask
 from nav.ground.traversability import Traversability, assess
@@ -69,6 +69,7 @@ class Navigator:
     from, for display and logging, and nav.reason.reason_of says it in words.
 
     Attributes:
+        looks_along: Whether the last step stopped for a look along the far path, between two looks.
         map: The ElevationMap.
         ground: The Traversability of the last step, or None.
         motion: The Motion chosen in the last step, or None.
@@ -83,17 +84,21 @@ class Navigator:
 
         Args:
             spec: The rover.
-            config: The settings.
+            config: The settings; None for NavigatorConfig.of_rover(spec).
             area: (x0, y0, x1, y1) in the world [m], the operators' keep-in zone for the rover's middle; None for no
                 bounds.
 
         Raises:
-            ValueError: If the area is empty.
+            ValueError: If the area is empty, or the rover cannot turn in place.
         """
         if area is not None and not (area[0] < area[2] and area[1] < area[3]):
             raise ValueError(f"area must be x0 < x1 and y0 < y1 [m], got {area}")
+        try:
+            point_turn(spec.max_yaw_rate, spec)
+        except ValueError as error:
+            raise ValueError(f"spec: the navigator turns a rover in place, and this one cannot: {error}") from None
         self.spec = spec
-        self.config = config or NavigatorConfig()
+        self.config = config or NavigatorConfig.of_rover(spec)
         self.area = area
         self.map = ElevationMap(self.config.elevation)
         self.planner = Planner(spec, self.config.planner, self.map)
@@ -104,6 +109,7 @@ class Navigator:
         self._started = False
         self.ground: Traversability | None = None
         self.motion: Motion | None = None
+        self.looks_along = False
         self.planner.reset()
         self.recovery = Recovery(self.spec, self.config)
         self._last_pose = np.zeros(3)
@@ -169,6 +175,7 @@ class Navigator:
     def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float) -> None:
         """Take in the rover's new pose and the goal: move the map, and count what the last command achieved."""
         self.motion = self.planner.considered = None
+        self.looks_along = False
         if not self._started:
             self.map.clear(planar[:2])
             self.map.assume_flat(pose, self.config.clear_radius)
@@ -228,6 +235,7 @@ class Navigator:
                 return command
         self.motion = self.planner.plan(self.map, ground, place, goal)
         if between_looks and (look := self._look_first(self.motion, place, pan)):
+            self.looks_along = True
             return look
         if self.motion is None:
             if self.recovery.attempts >= self.config.risk_after_recoveries and not self.recovery.looking:

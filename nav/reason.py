@@ -40,6 +40,8 @@ def _reason(navigator: Navigator, command: Command) -> str:
         if command.speed < 0:
             return f"backs out along its track, {recovery.back_left:.1f} m left, {number}"
         return f"turns in place to see another way, {number}"
+    if navigator.looks_along:
+        return "the map shows no long free way, so the mast looks along the path first"
     if motion is None:
         if recovery.looking:
             return "no motion is free, so the mast looks to the sides"

@@ -208,5 +208,5 @@ def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray
     dx, dy = (v - (weights * v).sum(axis=1, keepdims=True) / total for v in (x, y))
     covariance, of_x, of_y = ((weights * product).sum(axis=1) for product in (dx * dy, dx * dx, dy * dy))
     spread = np.sqrt(of_x * of_y)
-    constant = (of_x <= 1e-12 * (1 + np.square(x).max())) | (of_y <= 1e-12 * (1 + np.square(y).max()))
+    constant = (of_x <= 1e-12 * np.square(x).max()) | (of_y <= 1e-12 * np.square(y).max())
     return np.where(constant, np.nan, covariance / np.where(constant, 1, spread))

@@ -119,7 +119,7 @@ def plot_depth_metrics(
 
 def _correlation_in_words(row: Mapping[str, Any] | None) -> str:
     if row is None:
-        return f"no correlation of fewer than {FEWEST} dots"
+        return f"no correlation: fewer than {FEWEST} dots, or all alike"
     return "\n".join(
         f"{name.capitalize()} {row[name]:+.2f}{bounds(row[f'{name}_interval'], 1, '+.2f')}"
         for name in ("spearman", "pearson")

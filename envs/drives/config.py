@@ -20,7 +20,7 @@ from envs.world.arguments import ERROR_LIMITS
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
 from envs.world.perception import GROUND_TRUTH
 from envs.world.slip import SlipConfig
-from envs.world.vehicle import DynamicsName, known_dynamics
+from envs.world.vehicle import DynamicsName, dynamics_of_name, known_dynamics
 from m3depth.runtimes.choice import RuntimeChoice
 from marssim.base.command.limits import check_least
 from marssim.physics.soil.soil_map import GroundName
@@ -225,8 +225,11 @@ class EvaluateConfig:
 
     def scene_config(self) -> SceneConfig:
         """Return the place with the given values instead of its ranges. Raises ValueError for a value out of range."""
-        fixed = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
-        return with_look(load_place(self.scene), fixed)
+        return with_look(load_place(self.scene), self.look_flags())
+
+    def look_flags(self) -> dict[str, float]:
+        """Return the values of the look that flags give, by their names."""
+        return {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
 
     def with_true_pixels(self) -> EvaluateConfig:
         """Return the settings with as many pixels of the true depth as of the images, where the two are compared.
@@ -251,7 +254,6 @@ class EvaluateConfig:
         number.
         """
         errors = {name: getattr(self, name) for name in ERROR_LIMITS if getattr(self, name)}
-        look = {name: getattr(self, name) for name in LOOK_FLAGS if getattr(self, name) is not None}
         slip = {} if self.slip is None else {"slip": self.slip, "slip_measured": self.slip_measured}
         eyes = {name: value for name, value in vars(self.eyes).items() if value != getattr(EyesConfig, name)}
         if self.eyes.ground_truth_pixels == FAST_PIXELS:
@@ -260,8 +262,8 @@ class EvaluateConfig:
         suite = {} if self.suite is None else suite_note(self.suite, self.split)
         return {
             "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
-            "dynamics": known_dynamics(self.dynamics), "renderer": self.renderer,
-            "align_rows": self.align_rows, **errors, **slip, **look, **eyes, **course, **suite,
+            "dynamics": dynamics_of_name(self.dynamics or known_dynamics(None)), "renderer": self.renderer,
+            "align_rows": self.align_rows, **errors, **slip, **self.look_flags(), **eyes, **course, **suite,
         }  # fmt: skip
 
 

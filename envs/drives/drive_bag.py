@@ -20,6 +20,7 @@ class DriveBag(StereoBagWriter):
     measured, and between two looks there are no images.
     """
 
+    _step = -1
     _stamp = 0
     _believed = np.eye(4)
 
@@ -29,8 +30,12 @@ class DriveBag(StereoBagWriter):
         Args:
             env: The environment.
             driver: The driver.
-            step: Number of the step, 0 after the reset.
+            step: Number of the step, 0 after the reset. The step at which the driver ended the drive comes twice, and
+                is written once.
         """
+        if step == self._step:
+            return
+        self._step = step
         assert env.course is not None and env.vehicle is not None and env.sight is not None
         navigator = driver.navigator if isinstance(driver, NavigatorDriver) else None
         if step:

@@ -7,10 +7,10 @@ from gymnasium import spaces
 
 from envs.observation.map_view import PIXELS
 from envs.observation.nearest_depth import nearest_depth
+from envs.world.eyes import DEPTH_PIXELS
 from marssim.base.camera import MAX_DEPTH
 from marssim.physics.state import RoverState
 
-DEPTH_PIXELS = 64  # [px] along a side of the observed depth
 HALFWAY = 5.0  # [m] from the goal at which share_of_distance is one half
 
 

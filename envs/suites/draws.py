@@ -53,16 +53,18 @@ class EpisodeSettings:
         """Return {"drawn": the values of what was drawn, by name}; an empty dict where nothing was drawn.
 
         They are the values that the episode has: those of a condition or of options, where these replaced what was
-        drawn.
+        drawn. None stands for what the scene has of itself.
         """
         if not self.drawn:
             return {}
+        low, high = self.scene.look.sun_elevation_deg
         values = {
-            "sun_elevation_deg": self.scene.look.sun_elevation_deg[0],  # of a condition, if the course has none
-            **{name: value for name in LIMITS if (value := getattr(self.course, name)) is not None},
+            **{name: getattr(self.course, name) for name in LIMITS},
             "slip": None if self.slip is None else self.slip.ground,
             "condition": self.condition if isinstance(self.condition, str) else dict(self.condition),
         }
+        if values["sun_elevation_deg"] is None and low == high:  # as a condition fixes it
+            values["sun_elevation_deg"] = low
         return {"drawn": {name: values[name] for name in self.drawn}}
 
 

@@ -12,14 +12,14 @@ from marssim.render.temperature import MOST_KELVIN, at_temperature
 # least and largest value of each setting, and its unit
 EYES_LIMITS = {
     "image_pixels": (64, 2048, " px"),
-    "ground_truth_pixels": (16, 2048, " px"),
+    "ground_truth_pixels": (64, 2048, " px"),
     "lens_dust": (0, 0.8, ""),
     "temperature": (-MOST_KELVIN, MOST_KELVIN, " K"),
     "jpeg_quality": (1, LOSSLESS, ""),
     "look_every": (0, 100, " m"),
 }
 
-
+DEPTH_PIXELS = 64  # [px] along a side of the observed depth: the sides of what it is made of are multiples of them
 FAST_PIXELS = 128  # of the true depth where it is not compared: enough to drive
 AS_IMAGES = 0  # in place of a number of its pixels: as many as the images have
 
@@ -29,10 +29,10 @@ class EyesConfig:
     """NaTeCam on a drive. All images show the same view, whatever their size."""
 
     image_pixels: int = 512
-    """Width and height of the images that the perception sees [px], 64 to 2048."""
+    """Width and height of the images that the perception sees [px], a multiple of 64 up to 2048."""
     ground_truth_pixels: int | None = None
-    """Width and height of the depth that ground_truth reads [px], 16 to 2048, or 0 for those of the images. Left out:
-    128, which is enough to drive, and fast; in envs.evaluate 0, where other perceptions drive too."""
+    """Width and height of the depth that ground_truth reads [px], a multiple of 64 up to 2048, or 0 for those of the
+    images. Left out: 128, which is enough to drive, and fast; in envs.evaluate 0, where other perceptions drive too."""
     lens_dust: float = 0.0
     """Share of the light that dust on the windows of the cameras takes away, 0 to 0.8. Each camera has specks of its
     own, which stay for the drive, and a veil."""
@@ -56,6 +56,8 @@ class EyesConfig:
             if isinstance(value, bool) or not isinstance(value, kind) or not low <= float(value) <= high:
                 whole = "be a whole number" if kind is Integral else "lie"
                 raise ValueError(f"{name} must {whole} in [{low:g}, {high:g}]{unit}, got {value!r}")
+            if unit == " px" and value % DEPTH_PIXELS:
+                raise ValueError(f"{name} must be a multiple of {DEPTH_PIXELS} px, got {value}")
 
     @property
     def rig(self) -> StereoRig:

@@ -34,14 +34,18 @@ def known_dynamics(name: str | None) -> DynamicsName:
     """
     if name is None:
         return "physics" if pybullet_is_installed() else "kinematic"
-    for dynamics in DYNAMICS:
-        if name == dynamics:
-            break
-    else:
-        raise ValueError(f"dynamics {name!r} is unknown; choose from {', '.join(DYNAMICS)}")
+    dynamics = dynamics_of_name(name)
     if dynamics == "physics" and not pybullet_is_installed():
         raise ImportError("`dynamics` physics needs PyBullet, which is not installed; choose kinematic instead")
     return dynamics
+
+
+def dynamics_of_name(name: str) -> DynamicsName:
+    """Return the dynamics of that name, whether PyBullet is installed or not. Raises ValueError if there is none."""
+    for dynamics in DYNAMICS:
+        if name == dynamics:
+            return dynamics
+    raise ValueError(f"dynamics {name!r} is unknown; choose from {', '.join(DYNAMICS)}")
 
 
 def chosen_dynamics(name: str | None) -> DynamicsName:

@@ -16,6 +16,7 @@ import envs.evaluate
 from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
 from envs.evaluate import SETTINGS, EvaluateConfig, Task, _drives_done, drive, evaluate, main
+from envs.suites.conditions import under
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import UserCodeError
 from m3depth.estimator import load_estimator
@@ -177,6 +178,24 @@ def test_a_look_that_is_asked_for_is_the_scenes_and_of_other_drives():
     assert scene.look.sun_elevation_deg == (8.0, 8.0) and scene.look.texture_strength == (0.1, 0.1)
     assert scene.rocks == plain.scene_config().rocks
     assert low.content().items() - plain.content().items() == {("sun_elevation_deg", 8.0), ("texture_strength", 0.1)}
+
+
+def test_a_look_that_is_asked_for_holds_under_conditions_with_a_place_or_a_sun_of_their_own(monkeypatch):
+    class Made(Exception):
+        pass
+
+    def make(*_, condition, **__):
+        raise Made(condition)
+
+    monkeypatch.setattr(envs.evaluate, "MarsNavEnv", make)
+    config = EvaluateConfig(None, condition=("ledges", "low_sun"), optical_depth=5.0, sun_elevation_deg=30.0, **QUICK)
+    looks = []
+    for task in config.tasks[:2]:
+        with pytest.raises(Made) as made:
+            drive(config, task)
+        place, _, _ = under(made.value.args[0], config.scene_config(), config.course_config(), config.eyes)
+        looks.append((place.look.optical_depth, place.look.sun_elevation_deg))
+    assert sorted(looks) == [((5.0, 5.0), (8.0, 8.0)), ((5.0, 5.0), (30.0, 30.0))]
 
 
 def test_drives_without_aligned_rows_are_other_drives():

@@ -52,6 +52,17 @@ def test_drives_that_shards_recorded_come_along_with_their_pages(shards, tmp_pat
     assert len(list((out / "episodes").glob("*.json"))) == 8
 
 
+def test_shards_of_rigid_bodies_join_without_pybullet(shards, tmp_path, monkeypatch):
+    copies = [shutil.copytree(shard, tmp_path / shard.name) for shard in shards]
+    for folder in copies:
+        for name, settings in (("results.json", "config"), ("evaluate.json", None)):
+            content = json.loads((folder / name).read_text())
+            (content[settings] if settings else content)["dynamics"] = "physics"
+            (folder / name).write_text(json.dumps(content))
+    monkeypatch.setattr("envs.world.vehicle.pybullet_is_installed", lambda: False)
+    assert join(JoinConfig(tuple(copies), tmp_path / "all"))["driven_with"]["dynamics"] == "physics"
+
+
 def test_shards_whose_suite_lay_in_another_folder_join(shards, small_suite, tmp_path):
     other = shutil.copytree(shards[1], tmp_path / "other")
     content = json.loads((other / "results.json").read_text())

@@ -65,13 +65,14 @@ def test_a_new_suite_has_the_conditions_asked_for(tmp_path, monkeypatch):
     ("flags", "message"),
     [
         ([], "--out must name the file"), (["--held-out", "a"], "--held-out and --passphrase-file need each other"),
-        (["--published", "a", "--out", "b"], "--published needs --held-out"),
-        (["--held-out", "a", "--passphrase-file", "f", "--out", "b"], "--out needs --published"),
+        (["--published", "a", "--out", "b.json"], "--published needs --held-out"),
+        (["--held-out", "a", "--passphrase-file", "f", "--out", "b.json"], "--out needs --published"),
         (["--held-out", "a", "--passphrase-file", "f", "--name", "b"], "--name is for a new suite"),
         (["--held-out", "a", "--passphrase-file", "f", "--condition", "clear"], "--condition is for a new suite"),
-        (["--out", "b", "--name", "a/b"], "--name must be a name of letters, digits, _, . and -, got 'a/b'"),
-        (["--out", "b", "--courses", "0"], "--courses must be at least 1"),
-        (["--out", "b", "--condition", "strom"], "--condition 'strom' is unknown (did you mean storm?)"),
+        (["--out", "b.json", "--name", "a/b"], "--name must be a name of letters, digits, _, . and -, got 'a/b'"),
+        (["--out", "b"], "--out b: the file of a suite must end in .json"),
+        (["--out", "b.json", "--courses", "0"], "--courses must be at least 1"),
+        (["--out", "b.json", "--condition", "strom"], "--condition 'strom' is unknown (did you mean storm?)"),
     ],
 )  # fmt: skip
 def test_flags_that_do_not_fit_are_refused(flags, message, capsys):

@@ -53,6 +53,7 @@ def test_mistakes_exit_with_2_and_one_line(run_folder, tmp_path, capsys):
         ([], "name a folder, one drive or two"), ([a, b], "two drives need --out"), ([a, b, a], "one drive or two"),
         ([str(tmp_path / "none.zip")], "none.zip: no such file"), ([str(run_folder), a, "--out", "x"], "is a folder"),
         ([str(tmp_path / "text.zip")], "text.zip: is not a whole zip archive"), ([a, "--out", a], "is a drive"),
+        ([a, "--out", str(run_folder / "drives" / ".." / "drives" / "a.zip")], "is a drive"),
         ([str(tmp_path / "empty")], "empty: holds no recorded drives"),
     ):  # fmt: skip
         assert main(arguments) == 2

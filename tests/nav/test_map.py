@@ -101,7 +101,7 @@ def test_the_files_end_where_nothing_more_was_seen(tmp_path):
 
 def test_wide_cells_need_fewer_points(tmp_path):
     write_pair(tmp_path / "pair", pose=False)
-    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map"), "--cell", "2", "--max-range", "6"]) == 0
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map"), "--cell", "0.5", "--max-range", "6"]) == 0
     heights = layer(tmp_path / "map", "elevation")[0]
     assert np.isfinite(heights).sum() >= 4 and np.nanmedian(np.abs(heights)) < 0.05
 
@@ -159,7 +159,8 @@ def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
         ("far apart", "--cell 0.1: the pairs lie up to 9000 m apart"),
         ("unsure", "no depth of up to 12 m is sure enough"),
         ("out", "map: holds predictions; choose another"),
-        ("cell", "--cell must be 0.02 to 2 m, got 9"),
+        ("cell", "--cell must be 0.02 to 0.5 m, got 9"),
+        ("unknown", "no depth of up to 12 m is sure enough"),
     ],
 )
 def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
@@ -179,6 +180,8 @@ def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
         np.save(data / "a/depth.npy", np.ones((7, 7), np.float32))
     elif case == "record":
         (data / "a/prediction.json").write_text('{"pose": [1, 2]}')
+    elif case == "unknown":
+        np.save(data / "a/depth.npy", np.full((120, 160), np.nan, np.float32))
     elif case == "unsure":
         np.save(data / "a/confidence.npy", np.zeros((120, 160), np.float32))
     elif case == "out":

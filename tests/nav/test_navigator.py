@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -265,3 +266,34 @@ def test_the_risk_rises_once_a_dead_end_and_not_at_each_look_around(monkeypatch)
     while (command := navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL, pan)).status == "recover":
         pass
     assert command.status == "look" and navigator.risk.margin_share == SMALL.risk_levels[1].margin_share
+
+
+def wall(height: float) -> RockWorld:
+    """A row of domes across the way, 3 m ahead."""
+    return RockWorld(domes=np.array([[3.0, y, 0.5, height] for y in np.arange(-4, 4.5, 0.5)]))
+
+
+@pytest.mark.parametrize(("obstacle_height", "blocked"), [(ZHURONG.obstacle_height, False), (0.12, True)])
+def test_what_blocks_is_what_the_rovers_spec_calls_an_obstacle(obstacle_height, blocked):
+    navigator = Navigator(replace(ZHURONG, obstacle_height=obstacle_height))
+    pose = body_pose(0, 0, 0)
+    depth = wall(0.18).depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    navigator.step(depth, None, SMALL_RIG, pose, GOAL)
+    assert navigator.ground.blocked.any() == blocked
+
+
+def test_settings_follow_the_spec_and_zhurongs_are_the_defaults():
+    assert NavigatorConfig.of_rover(ZHURONG) == NavigatorConfig()
+    small = NavigatorConfig.of_rover(replace(ZHURONG, obstacle_height=0.15, max_slope=np.deg2rad(10), max_tilt=0.2))
+    assert small.traversability.step_blocked == pytest.approx(0.115)
+    assert small.elevation.drops.least_drop == pytest.approx(0.15)
+    assert small.traversability.slope_blocked_deg == pytest.approx(8.8)
+    assert small.planner.tilt_limit_deg == pytest.approx(np.rad2deg(0.2) * 25 / 30)
+    assert [level.step for level in small.risk_levels] == pytest.approx([0.115, 0.125, 0.1375])
+
+
+def test_a_rover_that_cannot_turn_in_place_is_refused():
+    with pytest.raises(
+        ValueError, match=r"^spec: the navigator turns a rover in place, and this one cannot: .* 45 deg"
+    ):
+        Navigator(replace(ZHURONG, max_steer=np.deg2rad(45)))

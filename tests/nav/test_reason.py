@@ -5,6 +5,7 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 from marssim.base.rover_spec import ZHURONG
 from nav import ElevationConfig, Navigator, NavigatorConfig
 from nav.command import Command
+from nav.path.planner import Motion
 from nav.reason import reason_of
 
 SMALL = NavigatorConfig(elevation=ElevationConfig(size=24.0, recentre_at=8.0))
@@ -29,6 +30,19 @@ def test_without_ground_in_view_the_navigator_is_blind():
     command = navigator.step(sky, None, SMALL_RIG, body_pose(0, 0, 0), np.array([9.0, 0.0]))
     assert reason_of(navigator, command) == "the image showed no ground"
     assert navigator.motion is None and navigator.planner.considered is None
+
+
+def test_a_look_between_two_looks_is_along_the_path(monkeypatch):
+    navigator, goal = Navigator(config=SMALL), np.array([9.0, 0.0])
+    here, farther = body_pose(0.0, 0.0, 0.0), body_pose(1.2, 0.0, 0.0)
+    depth = RockWorld().depth(SMALL_RIG, here @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    navigator.step(depth, None, SMALL_RIG, here, goal)
+    monkeypatch.setattr(navigator.planner, "plan", lambda *_: Motion(0.0, 0.4, 4.0, 0.0, np.zeros((2, 3))))
+    command = navigator.step(None, None, SMALL_RIG, farther, goal, between_looks=True)
+    assert command.status == "look"
+    assert reason_of(navigator, command) == "the map shows no long free way, so the mast looks along the path first"
+    navigator.step(depth, None, SMALL_RIG, farther, goal)
+    assert not navigator.looks_along
 
 
 @pytest.mark.parametrize(("status", "speed", "words"), [

@@ -98,6 +98,7 @@ def test_samples_that_hold_dots_several_times_have_the_correlation_of_the_long_l
         a, b = np.repeat(x, counts), np.repeat(y, counts)
         assert rank[n] == pytest.approx(spearmanr(a, b)[0]) and plain[n] == pytest.approx(pearsonr(a, b)[0])
     assert np.isnan(correlation(np.ones(12), y, weights)).all()
+    assert correlation(1e-8 * x, y, weights) == pytest.approx(plain)
 
 
 def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path, drawn_figures):

@@ -10,7 +10,7 @@ from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drives.drive_bag import DriveBag
 from envs.world.eyes import EyesConfig
 
-SMALL = EyesConfig(image_pixels=96, ground_truth_pixels=64)
+SMALL = EyesConfig(image_pixels=128, ground_truth_pixels=64)
 
 
 def messages(path):
@@ -35,6 +35,7 @@ def driven(env, driver, path, steps=3):
             action = driver.act(env, observation)
             observation = env.step(action)[0]
             bag.watch(env, driver, step)
+        bag.watch(env, driver, steps)  # as run_episode does where the driver ends the drive
         bag.end("no_path")
     return seen
 
@@ -63,7 +64,7 @@ def test_a_drive_is_written_as_it_was_seen_believed_and_decided(on_course, make_
         )
         image = found["/stereo/depth/image_rect"][number][1]
         np.testing.assert_array_equal(image.data.view("<f4").reshape(image.height, image.width), sight.depth)
-        assert (image.width, found["/stereo/left/image_rect"][number][1].width) == (64, 96)
+        assert (image.width, found["/stereo/left/image_rect"][number][1].width) == (64, 128)
     assert not np.allclose(seen[-1][0], seen[-1][1])  # the odometry drifted
     goal = found["/navigator/goal"][0][1]
     assert goal.header.frame_id == "map" and (goal.pose.position.x, goal.pose.position.y) == (4, 0)

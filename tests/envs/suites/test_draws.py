@@ -55,6 +55,9 @@ def test_a_condition_and_then_options_replace_what_was_drawn():
         "k": 0.01, "sun_elevation_deg": 8.0, "condition": {"k": 0.01, "sun_elevation_deg": 8.0}
     }  # fmt: skip
     with_option = settings.with_options({"k": 0.3, "sun_elevation_deg": 60})
+    of_the_scene = draws(k=(0.1, 0.2), sun_elevation_deg=(40, 50)).draw(stream_of_draws(0))
+    of_the_scene = of_the_scene.with_options({"k": None, "sun_elevation_deg": None})
+    assert of_the_scene.info()["drawn"] == {"k": None, "sun_elevation_deg": None}
     assert with_option.info()["drawn"]["k"] == 0.3 and with_option.info()["drawn"]["sun_elevation_deg"] == 60
 
 

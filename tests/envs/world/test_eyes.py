@@ -26,7 +26,8 @@ def test_faults_reach_the_detectors():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("image_pixels", 63), ("image_pixels", 256.0), ("lens_dust", 0.9), ("temperature", float("nan")),
+        ("image_pixels", 63), ("image_pixels", 300), ("ground_truth_pixels", 96),
+        ("image_pixels", 256.0), ("lens_dust", 0.9), ("temperature", float("nan")),
         ("jpeg_quality", 0), ("look_every", -1.0), ("look_every", True), ("ground_truth_pixels", 4096),
         ("ground_truth_pixels", False),
     ],
