@@ -13,7 +13,7 @@ Rules, for every method alike:
 
 m3depth.evaluation.scores sums them up, in memory that does not grow with the number of pixels: the pooled median angle
 comes from a histogram with bins of 0.01 deg. Depth and normal figures are those of the paper (Sec. V-B; the table of
-normal metrics). A normal that points away from the camera is 180 deg off.
+normal metrics). Normals are compared with their sign: the opposite of the true normal is 180 deg off.
 """
 
 from __future__ import annotations
