@@ -26,7 +26,7 @@ from marssim.base.pose import rotate
 LEAST_HEIGHT = 0.1  # [m] lower rocks are not measured
 LEAST_PIXELS = 30  # rocks of fewer pixels are not measured
 TOP = 95.0  # [%] percentile of the heights of a rock's pixels that is called its top
-ROCK_RIM = 5  # [px] beside a rock, where a blurred outline is no obstacle
+ROCK_RIM = 5  # [px] beside a rock or the rover, where a blurred outline is no obstacle
 CELL = 0.1  # [m] edge of a cell of the ground's map
 REACH = 20.0  # [m] half the edge of the ground's map
 RING = 0.75  # [m] width of the ring of ground around a rock that its plane is fitted to
@@ -77,7 +77,7 @@ class RockScene:
         true_depth: (H, W) depth [m].
         focal: Focal length of the rows [px].
         ground: (n, n) height of each cell of the ground [m], [iy, ix].
-        near_rock: (H, W) bool, pixels on a rock or within ROCK_RIM of one.
+        near_rock: (H, W) bool, pixels on a rock or on the rover that carries the cameras, or within ROCK_RIM of either.
         rocks: The rocks that are measured.
         slab_edges: The edges of slabs and ledges that are measured.
     """
@@ -113,7 +113,8 @@ def rock_scene(sample: RockTruth) -> RockScene | None:
     if np.isnan(known).all():
         return None
     reach = np.ones((2 * ROCK_RIM + 1,) * 2, np.uint8)
-    near_rock = cv2.dilate(on_rock.astype(np.uint8), reach) > 0
+    on_rover = visible & (sample.rock < 0)  # in maps of surface ids, the sky is below 0 too
+    near_rock = cv2.dilate((on_rock | on_rover).astype(np.uint8), reach) > 0
     rocks, edges = _measure(sample, rays, known, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
     return RockScene(rays, sample.depth, camera.fy, _nearest(known), near_rock, rocks, edges)
 

@@ -10,8 +10,9 @@ between a depth map and its score (`python -m envs.rocks` scores the navigator's
   and ledges also count among the rocks, each as a whole.
 - Stereo cannot measure a rock of which the right eye sees fewer than 30 pixels: the rocks that both eyes see are also
   counted separately.
-- A false obstacle is a connected region away from every rock (5 px), in the sky too, whose predicted points stand 0.2 m
-  and more above the true ground below them, up to 15 m away, and that is as large as 0.1 m x 0.1 m at its depth.
+- A false obstacle is a connected region away from every rock and from the rover that carries the cameras (5 px), in the
+  sky too, whose predicted points stand 0.2 m and more above the true ground below them, up to 15 m away, and that is as
+  large as 0.1 m x 0.1 m at its depth.
 """
 
 from __future__ import annotations

@@ -75,6 +75,22 @@ def test_near_sky_is_a_false_obstacle_and_far_sky_is_not():
     assert false_obstacles(scene, np.where(sky, np.float32(40), sample.depth)) == []
 
 
+@pytest.mark.parametrize("sky_id", [0, -1])
+def test_the_rover_in_view_is_no_obstacle_and_near_sky_above_it_is_one(sky_id):
+    """A deck half a metre below the eye, in a sample (sky 0) and in a map of surface ids (sky -1)."""
+    sample = rock_sample(world())
+    deck, sky = np.s_[200:, 60:200], np.isinf(sample.depth)
+    sample.rock[sky] = sky_id
+    sample.rock[deck], sample.depth[deck] = -1 if sky_id == 0 else -2, 0.7
+    scene = rock_scene(sample)
+    assert (scene.heights((scene.rays[deck] * 0.7).reshape(-1, 3)) > 0.2).all()
+    assert false_obstacles(scene, sample.depth) == []
+    smeared = sample.depth.copy()
+    smeared[197:, 57:203] = 0.7
+    assert false_obstacles(scene, smeared) == []
+    assert len(false_obstacles(scene, np.where(sky, np.float32(6), sample.depth))) == 1
+
+
 def test_specks_and_outlines_are_no_obstacles():
     sample = rock_sample(world())
     depth = sample.depth.copy()
