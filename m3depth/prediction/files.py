@@ -53,6 +53,15 @@ def point_cloud(
     return coloured_points(in_colour(left), np.where(keep, prediction.depth, np.nan), rig.camera, max_range)
 
 
+def read_cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (N, 3) [m] and the colours (N, 3) uint8 of a cloud's file; N is 0 where it holds none."""
+    import trimesh  # not at the top, since it loads Embree
+
+    cloud: Any = trimesh.load(path)
+    points = np.asarray(getattr(cloud, "vertices", ())).reshape(-1, 3)  # without points, it is a scene
+    return points, np.asarray(cloud.colors)[:, :3] if len(points) else np.zeros((0, 3), np.uint8)
+
+
 def trusted_pixels(disparity: np.ndarray, confidence: np.ndarray, min_confidence: float) -> np.ndarray:
     """Return the pixels that become points: sure ones that do not hang between two surfaces, (H, W) bool.
 

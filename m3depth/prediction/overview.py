@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
-from m3depth.prediction.files import CLOUD, FIGURE, RECORD
+from m3depth.prediction.files import CLOUD, FIGURE, RECORD, read_cloud
 from m3depth.prediction.fused_cloud import fuse
 from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import spread
@@ -105,18 +104,15 @@ def write_fused_cloud(out: Path, names: Sequence[str], voxel: float) -> int:
 
 def _clouds(out: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the points in the world [m] and the colours of each pair."""
-    import trimesh  # not at the top, since it loads Embree
-
     for name in names:
         record = read_json(out / name / RECORD)
-        cloud: Any = trimesh.load(out / name / CLOUD)
-        points, pose = np.asarray(cloud.vertices).reshape(-1, 3), np.array(record["pose"])
+        (points, colours), pose = read_cloud(out / name / CLOUD), np.array(record["pose"])
         if record["cloud_frame"] == "rover":
             pose = pose @ np.linalg.inv(record[ROVER_KEY])
         if record["cloud_frame"] != "world":
             points = points @ pose[:3, :3].T + pose[:3, 3]
         if len(points):
-            yield points, np.asarray(cloud.colors)[:, :3]
+            yield points, colours
 
 
 def _picture(folder: Path) -> np.ndarray:

@@ -7,11 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from m3depth.prediction.files import CLOUD, RECORD
+from m3depth.prediction.files import CLOUD, RECORD, read_cloud
 from m3depth.prediction.options import CloudFrame
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from marssim.base.bags.names import BASE_LINK, MOVING_FRAMES, STATIC_FRAMES
@@ -53,13 +50,4 @@ def write_bag(out: Path, source: BagPairs, names: Sequence[str], cloud_frame: Cl
             bag.write_depth(stamp, depth, rig.camera, source.frame)
             bag.write_disparity(stamp, depth, rig, source.frame)
             if (out / name / CLOUD).is_file():
-                bag.write_cloud(stamp, *_points(out / name / CLOUD), frames[cloud_frame])
-
-
-def _points(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (N, 3) [m] and the colours (N, 3) uint8 of a cloud's file."""
-    import trimesh  # not at the top, since it loads Embree
-
-    cloud: Any = trimesh.load(path)
-    points = np.asarray(cloud.vertices).reshape(-1, 3)
-    return points, np.asarray(cloud.colors)[:, :3] if len(points) else np.zeros((0, 3), np.uint8)
+                bag.write_cloud(stamp, *read_cloud(out / name / CLOUD), frames[cloud_frame])

@@ -13,6 +13,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from m3depth.predict import main, predict
+from m3depth.prediction.files import read_cloud
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.overview import shortened, write_sheet
 from m3depth.prediction.sources import inputs
@@ -33,6 +34,17 @@ class Counted(SGBM):
         if Counted.calls == Counted.last:
             raise SystemExit
         return super().infer(left, right, rig)
+
+
+class Unsure(SGBM):
+    """SGBM that is sure of the first pair alone."""
+
+    calls = 0
+
+    def infer(self, left, right, rig):
+        self.calls += 1
+        maps = super().infer(left, right, rig)
+        return maps if self.calls == 1 else replace(maps, confidence=np.zeros_like(maps.confidence))
 
 
 @pytest.fixture(autouse=True)
@@ -254,6 +266,15 @@ def test_masks_and_clouds_of_the_rover_and_of_the_world(folder, tmp_path):
     assert len(fused[0]) > 1000
     for other in points[1:]:
         assert other.mean(axis=0) == pytest.approx(points[0].mean(axis=0), abs=0.02)
+
+
+def test_pairs_without_points_add_none_to_the_fused_cloud(folder, tmp_path):
+    flags = {"write": ("depth", "cloud"), "poses": folder / "poses.txt"}
+    predict(options(folder, tmp_path / "some", **flags), Unsure())
+    assert len(trimesh.load(tmp_path / "some/fused_cloud.ply").vertices) > 100
+    for _ in range(2):  # a run with nothing left to predict fuses them too
+        predict(options(folder, tmp_path / "none", **flags, max_range=0.001), Unsure())
+        assert read_cloud(tmp_path / "none/fused_cloud.ply")[0].shape == (0, 3)
 
 
 def test_a_place_on_the_rover_that_nothing_gives_is_a_warning_once(folder, tmp_path, capsys):

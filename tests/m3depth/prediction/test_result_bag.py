@@ -161,6 +161,12 @@ def test_without_clouds_or_bag_there_is_none(bag, tmp_path):
         options(bag, tmp_path, write=("cloud", "bag"))
 
 
+def test_a_pair_without_points_has_an_empty_cloud(bag, tmp_path):
+    predict(options(bag, tmp_path, max_range=0.001, every=4), SGBM())
+    (cloud,) = of(by_rosbags(tmp_path / "bag"), "/stereo/points2")
+    assert (cloud.width, cloud.height, len(cloud.data)) == (0, 1, 0)
+
+
 def test_fixed_frames_without_a_time_do_not_make_the_bag_begin_in_1970(plane_samples, tmp_path):
     from rosbags.highlevel import AnyReader
 
