@@ -6,7 +6,7 @@ from inspect import signature
 
 import numpy as np
 
-from m3depth.estimator import Estimator, inferred
+from m3depth.estimator import Estimator, gets_truth, inferred
 from m3depth.stereo.filling import filled_prediction
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
@@ -22,6 +22,7 @@ class FilledEstimator:
     def __init__(self, estimator: Estimator) -> None:
         self.estimator = estimator
         self.normals_are_fitted = getattr(estimator, "normals_are_fitted", False)
+        self.takes_truth = gets_truth(estimator)
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object) -> Prediction:
         """Return the estimator's maps, filled; arguments as of Estimator.infer, and more of the estimator's own.
@@ -30,6 +31,11 @@ class FilledEstimator:
             EstimatorError: As of `inferred`.
         """
         return filled_prediction(inferred(self.estimator, left, right, rig, **settings), rig)
+
+    def with_truth(self, disparity: np.ndarray) -> FilledEstimator:
+        """Return the estimator for a pair of a known disparity, (H, W) [px]; itself if it takes none."""
+        with_truth = getattr(self.estimator, "with_truth", None)
+        return self if with_truth is None else FilledEstimator(with_truth(disparity))
 
 
 class UnfilledEstimator:

@@ -1,13 +1,17 @@
 """Unknown pixels are filled from the background."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from m3depth.estimator import EstimatorError
-from m3depth.holes import FilledEstimator
+from m3depth.estimator import EstimatorError, for_pair, gets_truth
+from m3depth.holes import FilledEstimator, UnfilledEstimator
+from m3depth.stereo.classical import SGBM
 from m3depth.stereo.filling import fill_background, filled_prediction
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -67,3 +71,24 @@ def test_a_filled_estimator_is_the_estimator_but_for_its_holes() -> None:
     assert np.isfinite(estimator.infer(image, image, RIG).disparity).all() and estimator.normals_are_fitted
     with pytest.raises(EstimatorError, match=r"Sparse\.infer returned depth of shape"):
         estimator.infer(np.zeros((2, 4), np.uint8), np.zeros((2, 4), np.uint8), RIG)
+
+
+def test_a_filled_estimator_passes_the_true_depth_on() -> None:
+    class Given:
+        takes_truth = True
+        disparity: np.ndarray | None = None
+
+        def with_truth(self, disparity):
+            given = Given()
+            given.disparity = disparity
+            return given
+
+        def infer(self, left, right, rig):
+            return replace(sparse_prediction(), disparity=self.disparity)
+
+    image, sample = np.zeros((1, 4), np.uint8), SimpleNamespace(disparity=np.array([[0, 7, NAN, NAN]], np.float32))
+    estimator = FilledEstimator(Given())
+    assert gets_truth(estimator)
+    assert for_pair(estimator, sample).infer(image, image, RIG).disparity.tolist() == [[0, 7, 7, 7]]
+    other = FilledEstimator(UnfilledEstimator(SGBM()))
+    assert for_pair(other, sample) is other and not gets_truth(other)
