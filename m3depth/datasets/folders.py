@@ -69,13 +69,16 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
         pattern: The pattern, with *, ? or **/.
 
     Raises:
-        DatasetError: There are none.
+        DatasetError: There are none, or the pattern is absolute.
     """
-    parts = re.split(r"(\*\*/|\*|\?)", pattern)
+    if Path(pattern).is_absolute():
+        raise DatasetError(f"{root}: {pattern} is an absolute pattern; give one that starts from this folder")
+    plain = Path(pattern).as_posix()  # without ./ and //, as the paths that glob returns
+    parts = re.split(r"(\*\*/|\*|\?)", plain)
     wild = {"**/": r"((?:.*/)?)", "*": r"([^/]*)", "?": r"([^/])"}
     form = re.compile("".join(wild.get(part) or re.escape(part) for part in parts))
     files = {}
-    for path in sorted(root.glob(pattern)):
+    for path in sorted(root.glob(plain) if plain != "." else ()):  # glob takes no "."
         match = form.fullmatch(path.relative_to(root).as_posix())
         if match and path.is_file():
             files[match.groups()] = path

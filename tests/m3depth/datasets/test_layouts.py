@@ -13,6 +13,7 @@ import tyro
 
 from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
+from m3depth.datasets.folders import matches
 from m3depth.datasets.open import detect, open_pairs
 from marssim.base.dataset.dataset import SPLITS
 from marssim.base.files.json_file import DatasetError
@@ -384,10 +385,21 @@ def test_what_is_missing_or_does_not_fit_is_one_line_with_the_file(tmp_path, dam
     assert "\n" not in str(error.value)
 
 
-def test_a_pattern_that_matches_nothing_is_named(tmp_path) -> None:
-    config = DataConfig(left="a/*.png", right="b/*.png", depth="c/*.npy", focal=1, baseline=1)
-    with pytest.raises(DatasetError, match=r"no file matches a/\*\.png"):
+@pytest.mark.parametrize(("left", "message"), [
+    ("a/*.png", r"no file matches a/\*\.png$"), ("./", r"no file matches \./$"),
+    ("/data/a/*.png", r": /data/a/\*\.png is an absolute pattern; give one that starts from this folder$"),
+])  # fmt: skip
+def test_a_pattern_that_matches_nothing_is_named(tmp_path, left, message) -> None:
+    config = DataConfig(left=left, right="b/*.png", depth="c/*.npy", focal=1, baseline=1)
+    with pytest.raises(DatasetError, match=message):
         open_pairs(tmp_path, "all", config)
+
+
+@pytest.mark.parametrize("start", ["./", "a/../", ".//./", "../data/"])
+def test_a_pattern_is_what_its_path_means(tmp_path, start) -> None:
+    patterns(tmp_path / "data")
+    found = matches(tmp_path / "data", f"{start}*/*_left.jpg")
+    assert list(found) == [(part, str(number)) for part in "ab" for number in range(5)]
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,7 @@ def test_patterns_pair_the_same_text_and_leave_masks_out(tmp_path, monkeypatch):
     assert [p.name for p in find(tmp_path, left="left/*.png", right="right/*.png").pairs] == ["7", "8"]
     monkeypatch.chdir(tmp_path)
     assert [p.name for p in find(left="*/7_L.png", right="*/7_R.png").pairs] == ["sol/7_L"]
+    assert [p.name for p in find(left="./sol/*_L.png", right="sol//*_R.png").pairs] == ["7_L", "8_L"]
     assert [p.name for p in find(left=f"{tmp_path}/sol/*_L.png", right=f"{tmp_path}/sol/*_R.png").pairs] == [
         "7_L", "8_L",
     ]  # fmt: skip
