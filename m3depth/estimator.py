@@ -137,7 +137,8 @@ class EstimatorName:
 
     @property
     def file(self) -> Path | None:
-        """The file that the method is read from: its weights or a class's module; None for classical methods."""
+        """The file that the method is read from: its weights or a class's module; None for classical methods, and for a
+        module that Python does not find, which load_estimator explains."""
         if self.weights is not None:
             return self.weights
         if self.name == MCCNN:
@@ -145,7 +146,10 @@ class EstimatorName:
 
             return mccnn_weights()
         module, colon, _ = self.name.partition(":")
-        return source_file(module) if colon else None
+        try:
+            return source_file(module) if colon else None
+        except ImportError:
+            return None
 
     def digest(self) -> str | None:
         """Return the SHA-256 of `file`, but not of what a module imports; None without a file.
@@ -339,6 +343,9 @@ def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estima
 
 def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
     where = f"{role} '{module_name}:{class_name}'"
+    if module_name.startswith("."):  # import_module would take it for a name within a package
+        hint = "name it as package.module, and run python -m in the folder of package, or put this folder on PYTHONPATH"
+        raise ValueError(f"{where}: No module named {module_name!r}; {hint}")
     try:
         module = import_module(module_name)
     except ModuleNotFoundError as error:

@@ -49,6 +49,7 @@ def test_an_object_comes_back_as_it_is():
     [
         ("raft", "estimator 'raft' is unknown; choose from m3depth, sgbm, m3depth:WEIGHTS, package.module:Class"),
         ("no_such_package:Net", "No module named 'no_such_package'"),
+        ("./my_stereo.py:Net", r"'./my_stereo.py:Net': No module named './my_stereo.py'; name it as package.module,"),
         ("m3depth.stereo.classical:Net", "has no class 'Net'"),
         ("m3depth.stereo.classical:fill_background", "has no class"),
         ("marssim.base.camera:StereoRig", "cannot be made without arguments"),
@@ -155,7 +156,8 @@ def test_a_digest_is_that_of_the_file_a_method_is_read_from(tmp_path, monkeypatc
     assert EstimatorName("m3depth").digest() == digest(SHIPPED_WEIGHTS)
     assert EstimatorName(f"m3depth:{tmp_path / 'w.safetensors'}").digest() == digest(tmp_path / "w.safetensors")
     assert EstimatorName("stereo_of_mine:Mine").digest() == digest(tmp_path / "stereo_of_mine.py")
-    assert EstimatorName("sgbm").digest() is None
+    for name in ("sgbm", "nowhere:Net", "nowhere.stereo:Net", "./stereo_of_mine.py:Mine"):
+        assert EstimatorName(name).digest() is None
     with pytest.raises(FileNotFoundError, match="no such weights file"):
         EstimatorName("m3depth:nowhere.safetensors").digest()
 

@@ -148,6 +148,15 @@ def test_flags_of_pairs_with_truth_are_refused(folder, tmp_path, capsys, more, m
     assert message in error and error.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
+def test_a_class_that_is_not_found_is_named_with_its_flag(folder, tmp_path, capsys, monkeypatch):
+    names = {"Net": ("--estimator", EstimatorName("nowhere.stereo:Net"))}
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", lambda options: names)
+    assert main(command(folder, tmp_path / "out")) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: --estimator 'nowhere.stereo:Net': No module named 'nowhere'; run python -m in the")
+    assert error.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
 TAKEN_OUT = 200.0  # [px] of all disparities, in images of 320 px
 
 
