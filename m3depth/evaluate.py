@@ -282,15 +282,12 @@ def dependencies(
     pairs = chosen_pairs(dataset, options.limit)
     recorded = {text: RecordedPredictions.parse(text)[1] for text in options.predictions}
     calib = options.reader.calib
-    by_flag: dict[str, list[Any]] = {"--weights": [], "--estimator": []}
-    for label, (flag_name, _) in named_estimators(options).items():
-        by_flag.setdefault(flag_name, []).append([label, estimators[label]])
     return {
         "--data": [str(options.data.resolve()), state_of_pairs(dataset)],
         "--split": options.split,
         "--device": device,
         "--runtime": runtime,
-        **by_flag,
+        **by_flag(named_estimators(options), estimators),
         "--predictions": [
             [text, state_of_files(maps.find(*pair) for pair in pairs)] for text, maps in recorded.items()
         ],
@@ -303,6 +300,19 @@ def dependencies(
         **({} if calib is None else {"--calib": [str(calib), state_of_files([calib])]}),
         "state of the code": source_digest(("marssim", "m3depth")),
     }
+
+
+def by_flag(columns: Mapping[str, tuple[str, EstimatorName]], estimators: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Return label and record of the estimators, by the flag that names them.
+
+    Args:
+        columns: What `named_estimators` returned.
+        estimators: Name and SHA-256 of every estimator, by the name of its column.
+    """
+    groups: dict[str, list[Any]] = {"--weights": [], "--estimator": []}
+    for label, (flag_name, _) in columns.items():
+        groups.setdefault(flag_name, []).append([label, estimators[label]])
+    return groups
 
 
 def _watched(number: int, remaining: Sequence[int]) -> Iterator[int]:
@@ -344,9 +354,10 @@ def device_kind(device: str, runtime: str | None) -> str:
 
 def _work_without_truth(options: EvaluateOptions) -> None:
     """Score the methods on pairs of images alone."""
-    for flag_name, value in (("--predictions", options.predictions), ("--degrade", options.degrade)):
-        if value:
-            raise ValueError(f"{flag_name} is for pairs with true depth; give --disparity or --depth")
+    default = EvaluateOptions(options.data, options.out)
+    for name in ("predictions", "degrade", "seed", "max_disparity"):
+        if getattr(options, name) != getattr(default, name):
+            raise ValueError(f"{flag(name)} is for pairs with true depth; give --disparity or --depth")
     pairs = image_pairs(options.data, options.reader)
     if options.limit is not None:
         pairs = [pairs[i] for i in spread(len(pairs), options.limit)]
@@ -359,7 +370,7 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     device = device_kind(options.device, runtime)
     images = state_of_files(path for pair in pairs for path in (pair.left, pair.right))
     depends = {
-        "--data": [str(options.data.resolve()), images], "--estimator": estimators, "--runtime": runtime,
+        "--data": [str(options.data.resolve()), images], **by_flag(columns, estimators), "--runtime": runtime,
         "--device": device, "--align-rows": options.align_rows, "--calib": state_of_files(calibration_files(pairs)),
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items() if name != "calib"},
         "state of the code": source_digest(("marssim", "m3depth")),

@@ -129,6 +129,25 @@ def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys,
             assert {**record[name], "seconds": 0} == {**other[name], "seconds": 0}
 
 
+def test_a_stopped_run_is_not_continued_with_other_baselines(folder, tmp_path, capsys, monkeypatch):
+    scores = [{"SGBM": {}, "SAD": {}}]
+
+    def stopped(*arguments):
+        if scores:
+            return scores.pop()
+        raise KeyboardInterrupt
+
+    names = {"SGBM": ("--baselines", EstimatorName("sgbm")), "SAD": ("--estimator", EstimatorName("sad"))}
+    monkeypatch.setattr("m3depth.evaluate.named_estimators", lambda options: names)
+    monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
+    monkeypatch.setattr(run, "score_pair", stopped)
+    assert main(command(folder, tmp_path / "out")) == 130
+    del names["SGBM"]
+    capsys.readouterr()
+    assert main(command(folder, tmp_path / "out")) == 2
+    assert "belongs to an unfinished evaluation with another --baselines; choose" in capsys.readouterr().err
+
+
 def classical(options):
     """SGBM and one more, without the network, whose loading takes seconds."""
     return {"SGBM": ("--baselines", EstimatorName("sgbm")), "SAD": ("--baselines", EstimatorName("sad"))}
@@ -139,6 +158,8 @@ def classical(options):
     [
         (["--degrade", "blur=1"], "--degrade is for pairs with true depth"),
         (["--predictions", "A=x"], "--predictions is for pairs with true depth"),
+        (["--seed", "1"], "--seed is for pairs with true depth"),
+        (["--max-disparity", "384"], "--max-disparity is for pairs with true depth"),
         (["--resize", "0.5"], "--resize is for pairs with true depth"),
     ],
 )
