@@ -83,6 +83,8 @@ class TextureOptions:
             raise ValueError(f"limit must be at least 1, got {self.limit}")
         if not self.images:
             raise ValueError("IMAGES: name at least one image file, folder or dataset")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"names must differ, got {self.names[0]!r} twice")
 
 
 def power_spectrum(grey: np.ndarray, hann: bool = False) -> tuple[np.ndarray, np.ndarray]:

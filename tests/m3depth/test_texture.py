@@ -133,7 +133,8 @@ def test_an_image_that_is_given_twice_counts_once(tmp_path):
 @pytest.mark.parametrize(
     ("what", "message"),
     [("none", "none: no such file or folder"), ("empty", "holds no images"), ("text", "not a readable image"),
-     ("tiny", "at least 3 x 3 pixels are needed"), ("limit", "--limit must be at least 1")],
+     ("tiny", "at least 3 x 3 pixels are needed"), ("limit", "--limit must be at least 1"),
+     ("names", "--names must differ, got 'x' twice")],
 )  # fmt: skip
 def test_mistakes_exit_with_2_and_one_line(tmp_path, capsys, what, message):
     path, extra = tmp_path / what, []
@@ -145,6 +146,8 @@ def test_mistakes_exit_with_2_and_one_line(tmp_path, capsys, what, message):
         path = tmp_path / "tiny.png"
         cv2.imwrite(str(path), np.zeros((2, 9), np.uint8))
         extra = ["--limit", "0"] if what == "limit" else []
+    elif what == "names":
+        extra = ["--names", "x", "x"]
     assert main([str(path), "--out", str(tmp_path / "out"), *extra]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
