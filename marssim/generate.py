@@ -92,13 +92,24 @@ def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
 
 def _check_written(out: Path, names: list[str]) -> None:
     """Raise DatasetError if a file of an earlier run has changed since, which would stay in the dataset."""
-    findings = check_written(out, [name for name in names if is_complete(out / "scenes" / name)])
+    recorded = _recorded(out / "dataset.json")
+    findings = check_written(out, [name for name in names if is_complete(out / "scenes" / name)], recorded)
     if findings:
         more = f" ({len(findings)} files in all)" if len(findings) > 1 else ""
         raise DatasetError(
             f"{out / findings[0].path}: {findings[0].problem}{more}; delete the folder of this sample, and the same "
             "command renders it again"
         )
+
+
+def _recorded(index: Path) -> dict[str, str]:
+    """Return the SHA-256 of each sample.json by the sample's name, as the index records it; none without an index."""
+    if not index.is_file():
+        return {}
+    try:
+        return {sample["name"]: sample["sha256"] for sample in StereoDataset(index.parent).index["samples"]}
+    except DatasetError as error:
+        raise DatasetError(f"{error}; delete this file, and the same command writes it again") from None
 
 
 def _scenes(config: GenerateConfig) -> list[range]:
@@ -124,14 +135,16 @@ def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[Gener
 
 
 def _absolute(config: GenerateConfig) -> GenerateConfig:
-    """Return the config with absolute paths, since workers may run in another folder."""
+    """Return the config with absolute paths, since workers, and the command that completes it, may run in another
+    folder."""
     scenes = [
         replace(scene, relief=replace(scene.relief, heightmap=str(Path(scene.relief.heightmap).absolute())))
         if scene.relief.heightmap is not None
         else scene
         for scene in config.scenes
     ]
-    return replace(config, out=config.out.absolute(), scenes=tuple(scenes))
+    rig_file = tuple(file.absolute() for file in config.rig_file)
+    return replace(config, out=config.out.absolute(), scenes=tuple(scenes), rig_file=rig_file)
 
 
 def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:
@@ -191,7 +204,7 @@ def _folder(config: GenerateConfig) -> ResultFolder:
         notes=("command",),
         flags=False,
         check_place=check_around,
-        partial=(".*.part", "scenes/*/.*"),
+        partial=(".*.part", f"{CALIBRATION}/.*.part", "scenes/*/.*"),
         has_results=_has_visible_files,
     )
 

@@ -183,15 +183,17 @@ def check_extra(dataset: StereoDataset, results: Path | None = None) -> list[Fin
     return findings
 
 
-def check_written(root: Path, names: Sequence[str], threads: int = 2) -> list[Finding]:
-    """Check samples in a folder without an index, whose dataset is not finished yet.
+def check_written(root: Path, names: Sequence[str], recorded: dict[str, str], threads: int = 2) -> list[Finding]:
+    """Check samples that earlier runs have written to a folder.
 
     Args:
         root: Folder of the dataset.
         names: "scene/view" of the samples.
+        recorded: SHA-256 of sample.json by the name of the sample. A sample.json without one is not hashed.
         threads: How many files are hashed at the same time.
     """
-    return [finding for each in in_threads(partial(_check_sample, root, {}), names, threads) for finding in each]
+    check = partial(_check_sample, root, recorded)
+    return [finding for each in in_threads(check, names, threads) for finding in each]
 
 
 def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Finding]:

@@ -215,6 +215,38 @@ def test_a_corrupted_sample_is_named_and_rendered_again_without_its_folder(
     assert contents(folder) == contents(made)
 
 
+def test_a_sample_json_that_was_altered_after_the_index_is_named(made, folder):
+    """Its images fit the hashes in it, so that only the index tells."""
+    file = folder / "scenes/00000/00/sample.json"
+    meta = json.loads(file.read_text())
+    meta["pose"][0][3] += 5
+    file.write_text(json.dumps(meta))
+    with pytest.raises(DatasetError, match=r"00/sample\.json: its content is not what dataset\.json records; delete"):
+        generate_dataset(config(folder))
+    assert hashes(folder) == hashes(made)
+    shutil.rmtree(file.parent)
+    generate_dataset(config(folder))
+    assert contents(folder) == contents(made)
+
+
+def test_a_broken_index_is_named_and_written_again_once_it_is_deleted(made, folder):
+    (folder / "dataset.json").write_text("{")
+    with pytest.raises(DatasetError, match=r"dataset\.json: is not JSON.*; delete this file, and the same command"):
+        generate_dataset(config(folder))
+    (folder / "dataset.json").unlink()
+    generate_dataset(config(folder))
+    assert contents(folder) == contents(made)
+
+
+def test_a_half_written_calibration_file_of_a_killed_run_is_deleted(tmp_path):
+    half = tmp_path / "set" / "calibration" / ".opencv.yml.123.part"
+    claimed(config(tmp_path / "set"))
+    half.parent.mkdir()
+    half.write_text("K1: ")
+    claimed(config(tmp_path / "set"))
+    assert half.parent.is_dir() and not half.exists()
+
+
 def test_the_command_refuses_other_settings_in_one_line(made, capfd):
     code, err = run(capfd, "--out", made, "--seed", 7)
     assert code == 2

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim import verify
+from marssim import generate, verify
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import RAW
 from marssim.base.files.json_file import as_json
@@ -63,6 +63,17 @@ def test_the_command_in_the_dataset_gives_its_settings(made):
     again = as_json(parse_generate("generate", "", ["--out", "x", *flags]).content())
     assert again["raw"] == settings["raw"] and again["rig"] == settings["rig"]
     assert settings["raw"]["right"]["coefficients"] == [-0.2, 0.05, 0, 0]
+
+
+def test_a_run_that_stopped_names_the_rig_file_from_any_folder(made, tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(generate, "_generate", stop)
+    monkeypatch.chdir(made)
+    assert main(["--out", str(tmp_path / "set"), *FLAGS, "--rig-file", "rig.json", "--raw"]) == 130
+    command = json.loads((tmp_path / "set/generate.json").read_text())["command"]
+    assert f"--rig-file {made / 'rig.json'}" in command
 
 
 def test_verify_finds_nothing_wrong_and_notices_what_is(made, folder, tmp_path, capsys):
