@@ -162,6 +162,8 @@ def plain_rig(pair: PosedPair) -> StereoRig | None:
     across = left.rotation @ (right.centre - left.centre)
     if not np.array_equal(left.rotation, right.rotation) or any(across[1:]) or left.size != right.size:
         return None
+    if not across[0] > 0:  # exchanged eyes, which have the same baseline
+        return None
     return StereoRig(PinholeCamera(*left.size, lens.fx, lens.fy, lens.cx, lens.cy), pair.baseline)
 
 

@@ -102,6 +102,22 @@ def test_a_calibration_of_equal_cameras_without_distortion_is_a_plain_rig(read, 
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "%YAML:1.0\n---\nimage_width: 320\nimage_height: 240\n"
+        "K1: [300., 0., 158., 0., 301., 121., 0., 0., 1.]\nK2: [300., 0., 158., 0., 301., 121., 0., 0., 1.]\n"
+        "R: [1., 0., 0., 0., 1., 0., 0., 0., 1.]\nT: [0.2, 0., 0.]\n",
+        "cam0=[300 0 158; 0 301 121; 0 0 1]\ndoffs=0\nbaseline=-200\nwidth=320\nheight=240\n",
+    ],
+)
+def test_equal_cameras_whose_eyes_are_exchanged_are_refused(tmp_path, text):
+    file = tmp_path / "rig.yml"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=rf"^{file}: the right camera of the calibration stands left of the left one"):
+        read_rig_file([file])
+
+
+@pytest.mark.parametrize(
     ("fields", "says"),
     [
         ({"distortion_model": "plumb_bob"}, "field distortion_coefficients is missing beside distortion_model"),
