@@ -73,7 +73,7 @@ def parse_yaml(text: str) -> dict[str, Any]:
                 level -= 1
             if level > MOST_LEVELS:
                 raise ValueError(TOO_DEEP)
-        content = yaml.load(text, Loader=_Loader)
+        content = _load(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
@@ -81,6 +81,14 @@ def parse_yaml(text: str) -> dict[str, Any]:
     except (RecursionError, MemoryError, OverflowError):
         raise ValueError(TOO_DEEP) from None
     return _mapping(content, "YAML")
+
+
+def _load(text: str) -> Any:
+    """Return the content of YAML. Raises ValueError, or YAMLError."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except (ValueError, LookupError, AttributeError, TypeError):  # of "x: !!int ''" and "x: !!bool maybe"
+        raise ValueError("is not YAML: a value is not of the type that its tag (!!) says") from None
 
 
 def parse_json(text: str) -> dict[str, Any]:
@@ -129,7 +137,7 @@ def parse_xml(text: str) -> Element:
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(text.encode(), True)
-    except expat.ExpatError as error:
+    except (expat.ExpatError, LookupError) as error:  # LookupError: the encoding that it names is unknown
         raise ValueError(f"is not XML: {error}") from None
     return builder.close()
 

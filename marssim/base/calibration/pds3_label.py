@@ -29,6 +29,7 @@ from marssim.base.command.input_file import check_file
 MODEL = "GEOMETRIC_CAMERA_MODEL"
 MODELS = ("CAHV", "CAHVOR", "CAHVORE")
 KINDS = {"REAL": "f", "UNSIGNED": "u", "INTEGER": "i"}  # of numpy, by a word in SAMPLE_TYPE, of which the first counts
+FILE_BYTES = "file bytes"  # the size of a file with a VICAR label; with its space, no key of a label has this name
 SIZES = {"8": 1, "16": 2, "32": 4, "64": 8}  # [bytes] by SAMPLE_BITS
 _VALUE = r'"[^"]*"|\((?:[^()"]|"[^"]*"|\((?:[^()"]|"[^"]*")*\))*\)|\{[^{}]*\}|[^\r\n]*'
 _STATEMENT = re.compile(rf"^[ \t]*(\^?[A-Za-z][\w:]*)[ \t]*(?:=\s*({_VALUE}))?[ \t]*\r?$", re.MULTILINE)
@@ -135,7 +136,9 @@ def _vicar(data: bytes) -> dict[str, Any]:
     for key, value in _VICAR.findall(data[: int(size[1])].decode("latin-1")):
         plain = _plain(value)
         if key in ("PROPERTY", "TASK"):
-            group = root.setdefault(str(plain), {}) if key == "PROPERTY" else {}
+            group = {}
+            if key == "PROPERTY" and isinstance(named := root.setdefault(str(plain), group), dict):
+                group = named
         else:
             group.setdefault(key, plain)
     try:
@@ -145,10 +148,16 @@ def _vicar(data: bytes) -> dict[str, Any]:
         raise ValueError("has a VICAR label without the size of the image (NL, NS, RECSIZE)") from None
     label: dict[str, Any] = {key: value for key, value in root.items() if isinstance(value, dict)}
     for identification in ("IDENTIFICATION", "INSTRUMENT_STATE_PARMS"):
-        label.update({k: v for k, v in root.get(identification, {}).items() if k not in label})
-    label["IMAGE"] = {"LINES": str(lines), "LINE_SAMPLES": str(samples), **root.get("IMAGE_DATA", {})}
-    label["file_bytes"] = int(size[1]) + record * (header + lines * bands)
+        label.update({k: v for k, v in _group(root, identification).items() if k not in label})
+    label["IMAGE"] = {"LINES": str(lines), "LINE_SAMPLES": str(samples), **_group(root, "IMAGE_DATA")}
+    label[FILE_BYTES] = int(size[1]) + record * (header + lines * bands)
     return label
+
+
+def _group(label: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return a group of a label; an empty one if there is none, or a value has its name."""
+    group = label.get(name)
+    return group if isinstance(group, dict) else {}
 
 
 def _plain(value: str) -> Any:
@@ -160,12 +169,11 @@ def _plain(value: str) -> Any:
 
 
 def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
-    image = label.get("IMAGE") if isinstance(label.get("IMAGE"), dict) else {}
-    assert isinstance(image, dict)
+    image = _group(label, "IMAGE")
     size = fields.size(image, sides=[("LINE_SAMPLES", "LINES")])
     model = label.get(MODEL)
     counter = label.get("ROVER_MOTION_COUNTER", [])
-    constants = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
+    constants: dict[str, Any] = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
     return ProductLabel(
         camera=_camera(model, size) if isinstance(model, dict) else None,
         size=size,
@@ -173,7 +181,7 @@ def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
         eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),
         motion=parse_counter(counter),
         missing=pixel_constants(constants, _sample_type(image)),
-        file_bytes=label.get("file_bytes") or (_file_bytes(label, image) if attached else None),
+        file_bytes=label.get(FILE_BYTES) or (_file_bytes(label, image) if attached else None),
     )
 
 

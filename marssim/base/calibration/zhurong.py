@@ -157,7 +157,7 @@ def _first(root: Element, name: str) -> Element | None:
 
 
 def _text(root: Element, names: tuple[str, ...]) -> str | None:
-    return next((node.text for name in names for node in _all(root, name) if node.text), None)
+    return next((node.text for name in names for node in _all(root, name) if (node.text or "").strip()), None)
 
 
 def _numbers(root: Element, names: tuple[str, ...]) -> np.ndarray:

@@ -46,7 +46,7 @@ class RisingCurve:
         ends = [float(self.most)]
         for polynomial in (slope, bottom):
             counts = np.nonzero(np.abs(polynomial.coef) * self.most ** np.arange(len(polynomial.coef)) > NEGLIGIBLE)[0]
-            roots = Polynomial(polynomial.coef[: counts[-1] + 1]).roots()
+            roots = Polynomial(polynomial.coef[: max(counts, default=0) + 1]).roots()
             real = roots.real[np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))]
             ends.extend(real[real > 0])
         return float(min(ends))

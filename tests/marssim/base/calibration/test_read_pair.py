@@ -258,6 +258,22 @@ def test_labels_of_vicar(tmp_path):
     assert np.abs(read.left.project(points) - wanted.left.project(points)).max() < 1e-7 and read.left.size == SIZE
 
 
+def vicar(tmp_path, text: str):
+    (tmp_path / "left.VIC").write_text(f"LBLSIZE=512  NL=4  NS=6  RECSIZE=6  {text}".ljust(512, "\0"))
+    return read_label(tmp_path / "left.VIC")
+
+
+@pytest.mark.parametrize("text", ["PROPERTY='NL'  Q=1", "IDENTIFICATION='x'", "IMAGE_DATA='x'"])
+def test_a_value_of_vicar_with_the_name_of_a_property_leaves_the_rest_of_the_label(tmp_path, text):
+    label = vicar(tmp_path, f"{text}  PROPERTY='INSTRUMENT_STATE_PARMS'  INSTRUMENT_ID='NAV_LEFT'")
+    assert label.size == (6, 4) and label.eye == "left" and label.file_bytes == 512 + 4 * 6
+
+
+def test_no_key_of_a_label_is_taken_for_the_size_of_its_file(tmp_path):
+    (tmp_path / "left.LBL").write_text(detached_label(rover_pair().left, file_bytes="many"))
+    assert read_label(tmp_path / "left.LBL").file_bytes is None
+
+
 YAML = opencv_text(pair())
 
 
@@ -274,6 +290,11 @@ YAML = opencv_text(pair())
         (YAML.replace("640", "many"), "image_width must hold numbers only"),
         (YAML.replace("-0.12", "-120.0"), "stand .* m apart; is the translation in millimetres"),
         (YAML.replace("T: ", "T: &a ") + "again: *a\n", r"has aliases"),
+        (YAML.replace("640", "!!bool wide"), "is not YAML: a value is not of the type that its tag"),
+        (YAML.replace("640", "!!int ''"), "is not YAML: a value is not of the type that its tag"),
+        (YAML.replace("640", "!!float ''"), "is not YAML: a value is not of the type that its tag"),
+        (YAML.replace("640", "!!timestamp now"), "is not YAML: a value is not of the type that its tag"),
+        ("<?xml version='1.0' encoding='foo'?><opencv_storage/>", "is not XML: unknown encoding: foo"),
         ("%YAML:1.0\n---\nK1: " + "[" * 10**5, "nested too deeply"),
         ("<?xml version='1.0'?><opencv_storage>" + "<a>" * 10**5, "nested too deeply"),
         ("<!DOCTYPE x [<!ENTITY a 'b'>]><opencv_storage>&a;</opencv_storage>", "has a document type"),

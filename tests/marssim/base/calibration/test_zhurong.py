@@ -31,6 +31,15 @@ def test_labels_of_zhurong(tmp_path):
     assert common_orientation(read)[0] == pytest.approx([0, -1, 0]) and "about x, then y, then z" in read.left.note
 
 
+@pytest.mark.parametrize("name", ["focal_length", "camera_center_position_x"])
+def test_an_empty_field_of_zhurong_is_named(tmp_path, name):
+    files = [tmp_path / "left.2CL", tmp_path / "right.2CL"]
+    for file in files:
+        file.write_text(re.sub(f"<{name}>.*?</{name}>", f"<{name}> </{name}>", ZHURONG.replace("YY", "0.1")))
+    with pytest.raises(ValueError, match=rf"left\.2CL: field {name} is missing"):
+        read_raw_calibration(files)
+
+
 def zhurong_label(centre, angles: dict[str, float], directions: dict[str, np.ndarray]) -> str:
     """A label with namespace, as of a product: angles by the end of their names, directions by the corner."""
     tags = {**{f"camera_center_position_{a}": v for a, v in zip("xyz", centre)},

@@ -156,6 +156,7 @@ def test_a_curve_ends_where_it_turns_back():
     assert RisingCurve((1.0,), (-1.0,)).limit == pytest.approx(1.0)  # its pole
     assert RisingCurve((1.0, 0.5)).limit == 100
     assert RisingCurve((-1.0,)).limit == 0
+    assert RisingCurve((1e-10, 0.0, 0.0)).limit == 100  # it hardly rises, and never turns
     curve = RisingCurve((1.0, 0.2, 0.03))
     t = np.linspace(0, 20, 100)
     assert np.abs(curve.inverse(curve(t)) - t).max() < 1e-10
