@@ -163,12 +163,19 @@ def measure(scenes: Iterable[Scene], k: float, cell: float = 0.01) -> Abundance:
         scenes: The scenes.
         k: Rock abundance that they were asked for.
         cell: Distance between the rays [m].
+
+    Raises:
+        ValueError: A scene has no ground whose rocks its border cannot cut.
     """
     diameter = np.array(REPORTED)
     covered, rocks, area = np.zeros(len(diameter)), np.zeros(len(diameter), dtype=int), 0.0
     for scene in scenes:
-        outline, middle = visible_areas(scene, cell)
         inside = scene.half - MAX_DIAMETER / 2
+        if not inside > 0:
+            raise ValueError(
+                f"size must be above {MAX_DIAMETER:g} m, the diameter of the largest rocks, got {2 * scene.half:g}"
+            )
+        outline, middle = visible_areas(scene, cell)
         counts = (np.abs(middle) <= inside).all(axis=1)  # false for NaN, the middle of hidden rocks
         size = np.sqrt(4 / np.pi * outline)
         for row, d in enumerate(diameter):

@@ -209,8 +209,10 @@ def verify(config: VerifyConfig) -> bool:
         check_viewer()
     if config.data is not None:
         if config.sample is not None:
-            for path in show_sample(config, StereoDataset(config.data), config.sample):
-                print(path)
+            dataset = StereoDataset(config.data)
+            with _folder(config.results(dataset), "sample").claim():
+                for path in show_sample(config, dataset, config.sample):
+                    print(path)
         else:
             check_unused(config.data)
             dataset = StereoDataset(config.data)

@@ -16,7 +16,7 @@ from marssim.base.camera import StereoRig
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
 from marssim.base.dataset.marks import SETTINGS
-from marssim.base.dataset.sample import IMAGES, RAW, sample_digest
+from marssim.base.dataset.sample import IMAGES, RAW, recorded_rover, recorded_time, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.lock import LOCK
 from marssim.base.right_image import is_rotation, recorded_rotation
@@ -231,6 +231,9 @@ def _check_meta(meta: dict[str, Any]) -> StereoRig:
     if not is_rotation(_numbers(meta["pose"], (4, 4))[:3, :3]):
         raise ValueError("pose is not a 4 x 4 rigid motion")
     recorded_rotation(meta.get("right_rotation"))
+    recorded_time(meta, 0.0)
+    recorded_rover(meta)
+    _check_surface_ids(meta.get("surface_ids"))
     if "sun" in meta:
         sun = _numbers(meta["sun"], (3,))
         if not abs(float(np.linalg.norm(sun)) - 1) < UNIT_TOLERANCE:
@@ -239,6 +242,17 @@ def _check_meta(meta: dict[str, Any]) -> StereoRig:
         if not abs(np.rad2deg(np.arcsin(np.clip(sun[2], -1, 1))) - elevation) < ELEVATION_TOLERANCE:
             raise ValueError("sun_elevation_deg is not the elevation of sun")
     return StereoRig.from_dict(meta["rig"])
+
+
+def _check_surface_ids(ids: Any) -> None:
+    """Raise ValueError if the numbers of a sample's surfaces are malformed. Older datasets have none."""
+    if ids is None:
+        return
+    if not isinstance(ids, dict) or "rocks" not in ids:
+        raise ValueError("surface_ids must name the surfaces of rocks")
+    for kind, span in ids.items():
+        if not isinstance(span, list) or len(span) not in (0, 2) or not all(type(n) is int for n in span):
+            raise ValueError(f"surface_ids must hold [first, last] or [] for {kind}")
 
 
 def _numbers(value: Any, shape: tuple[int, ...]) -> np.ndarray:

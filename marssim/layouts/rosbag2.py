@@ -10,6 +10,7 @@ import numpy as np
 from marssim.base.bags.messages import SECOND
 from marssim.base.bags.reader import METADATA
 from marssim.base.bags.stereo_writer import StereoBagWriter
+from marssim.base.dataset.sample import recorded_rover, recorded_time
 from marssim.base.files.json_file import DatasetError
 from marssim.base.pose import recorded_pose
 from marssim.base.rover_spec import ZHURONG
@@ -49,11 +50,11 @@ def _write_view(bag: StereoBagWriter, item: Item, number: int) -> None:
         item.image(name)  # raises DatasetError if it is not the recorded one
     sample = item.sample
     file = item.folder / "sample.json"
-    stamp = round((1 + float(sample.meta.get("timestamp", number))) * SECOND)
     try:
+        stamp = round((1 + recorded_time(sample.meta, number)) * SECOND)
         camera = recorded_pose(sample.meta.get("pose"))
-        rover = sample.meta.get("rover")
-        body = _rover_at(camera, sample.rig.baseline) if rover is None else recorded_pose(rover["pose"])
+        rover = recorded_rover(sample.meta)
+        body = _rover_at(camera, sample.rig.baseline) if rover is None else rover
     except ValueError as error:
         raise DatasetError(f"{file}: {error}") from None
     bag.write_images(stamp, sample.left, sample.right, sample.rig)

@@ -92,6 +92,13 @@ def test_a_mistake_is_one_line(flag, capsys):
     assert flag.split()[0] in error and error.count("\n") == 1
 
 
+def test_a_place_without_ground_inside_the_margin_is_refused(tmp_path, capsys):
+    (tmp_path / "place.json").write_text('{"size": 2, "horizon": 4}')
+    assert main(["--scene", str(tmp_path / "place.json"), "--scenes", "1", "--cell", "0.05"]) == 2
+    out, error = capsys.readouterr()
+    assert out == "" and error.startswith("error: size must be above 2.5 m, ") and error.count("\n") == 1
+
+
 def test_a_scene_reports_what_it_achieved():
     """The scene computes it from outlines, and the rays agree."""
     scenes = [draw(0.15, seed) for seed in range(2)]

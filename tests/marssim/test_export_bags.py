@@ -108,7 +108,7 @@ def test_an_interrupted_export_adds_the_bags_that_are_missing(bags, closed_form_
         assert (copy / path.relative_to(bags)).read_bytes() == path.read_bytes()
 
 
-def test_a_broken_view_and_one_without_a_pose_are_named(closed_form_set, tmp_path, capsys):
+def test_a_broken_view_and_one_without_a_pose_or_with_a_malformed_field_are_named(closed_form_set, tmp_path, capsys):
     copy = shutil.copytree(closed_form_set, tmp_path / "set")
     file = copy / "scenes/00000/01/sample.json"
     meta = read_json(file)
@@ -116,6 +116,14 @@ def test_a_broken_view_and_one_without_a_pose_are_named(closed_form_set, tmp_pat
     write_json(file, {**meta, "pose": None})
     assert main(line) == 2
     assert f"error: {file}: pose must be 4 rows of 4 finite numbers\n" in capsys.readouterr().err
+    for field, value, problem in (
+        ("timestamp", None, "timestamp must be a number from 0 to 2e+09 s"),
+        ("timestamp", 1e300, "timestamp must be a number from 0 to 2e+09 s"),
+        ("rover", {}, "rover.pose must be 4 rows of 4 finite numbers"),
+    ):
+        write_json(file, {**meta, field: value})
+        assert main(line) == 2
+        assert f"error: {file}: {problem}\n" in capsys.readouterr().err
     write_json(file, meta)
     (file.parent / "left.png").write_bytes((file.parent / "right.png").read_bytes())
     assert main(line) == 2

@@ -141,6 +141,15 @@ def test_a_folder_without_permission_is_reported_before_the_work(folder, tmp_pat
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_a_malformed_field_behind_right_hashes_is_named(folder, tmp_path, capfd):
+    file = folder / "scenes/00000/00/sample.json"
+    write_json(file, {**read_json(file), "surface_ids": {}})
+    write_index(folder, {"seed": 3}, StereoDataset(folder).names)
+    code, out, _ = run(capfd, folder, "--out", tmp_path / "out")
+    assert code == 1 and out.startswith("scenes/00000/00/sample.json: surface_ids must name the surfaces of rocks\n")
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
     (folder / "scenes/00000/00/left.png").unlink()
     image = folder / "scenes/00001/00/depth.png"
@@ -205,6 +214,19 @@ def test_a_sample_is_shown(folder, tmp_path, capfd):
     assert len(cloud.vertices) == (sample.depth <= 12).sum()
     mesh = trimesh.load(tmp_path / "out" / names[2], force="mesh")
     assert len(mesh.faces) > len(cloud.vertices) and -mesh.vertices[:, 2].min() <= 12.001
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_sample_is_shown_in_a_folder_of_which_the_command_is_the_only_writer(folder, tmp_path, capfd):
+    out = tmp_path / "out"
+    out.mkdir()
+    half = out / ".sample_00000_00.png.123.part"
+    half.write_bytes(b"half")
+    with sole_writer(out):
+        line = mistake(capfd, folder, "--sample", "00000/00", "--out", out)
+        assert line.startswith(f"error: {out}: another command (process ") and half.exists()
+    assert run(capfd, folder, "--sample", "00000/00", "--out", out)[0] == 0
+    assert not half.exists()
 
 
 def test_the_cross_check_prints_and_writes_what_it_finds(tmp_path, capfd, monkeypatch):

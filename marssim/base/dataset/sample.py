@@ -23,6 +23,7 @@ from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
 RAW = ("raw_left.png", "raw_right.png")  # images before rectification, which few datasets have
+LATEST = 2e9  # [s] latest time of a sample, which ROS's stamps still hold
 ROVER_CODE = 65_535  # value of surface.png on the rover that carries the cameras
 # The fastest compression of each image at about the smallest size. Noisy images have no repeats to search for, nor have
 # normals, whose neighbours share some high bytes; depth and masks have repeats.
@@ -166,6 +167,40 @@ def read_sample(folder: Path) -> StereoSample:
         rig=rig,
         meta=meta,
     )
+
+
+def recorded_time(meta: dict[str, Any], otherwise: float) -> float:
+    """Return the time at which a sample was taken [s].
+
+    Args:
+        meta: Content of sample.json.
+        otherwise: The time of a sample without one.
+
+    Raises:
+        ValueError: The time is no number from 0 to LATEST.
+    """
+    time = meta.get("timestamp", otherwise)
+    if isinstance(time, bool) or not isinstance(time, int | float) or not 0 <= time <= LATEST:
+        raise ValueError(f"timestamp must be a number from 0 to {LATEST:g} s")
+    return float(time)
+
+
+def recorded_rover(meta: dict[str, Any]) -> np.ndarray | None:
+    """Return the pose of the rover that carries the cameras, (4, 4) body to world; None if the sample records none.
+
+    Args:
+        meta: Content of sample.json.
+
+    Raises:
+        ValueError: It is no pose.
+    """
+    rover = meta.get("rover")
+    if rover is None:
+        return None
+    try:
+        return recorded_pose(rover.get("pose") if isinstance(rover, dict) else None)
+    except ValueError as error:
+        raise ValueError(f"rover.{error}") from None
 
 
 def sample_digest(folder: Path) -> str:
