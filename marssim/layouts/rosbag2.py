@@ -21,7 +21,9 @@ ROS 2 bags (MCAP), one of each scene, as `SPLIT/SCENE`. `ros2 bag play SPLIT/SCE
 it without ROS. The topics are `/stereo/left/image_rect` and `/stereo/right/image_rect` (rgb8) with `camera_info` beside
 each, `/stereo/depth/image_rect` (32FC1 [m], left eye; inf in the sky), `/ground_truth/pose` (of `base_link` in `map`),
 `/odom`, `/tf` and `/tf_static`. Stamps begin at 1 s. Those of a drive are the times of its views; other views are 1 s
-apart. `base_link` is on the ground under the middle of a rover like Zhurong whose mast carries the cameras.
+apart. `base_link` is the rover, where the dataset records its pose (`--view.rover 1 1`). Elsewhere it is where a rover
+like Zhurong would be whose mast holds the left camera 1.2 m high and 20 deg down: it lies above or below the ground,
+and tilted, where the cameras have another height, pitch or roll.
 """
 
 
@@ -63,5 +65,9 @@ def _write_view(bag: StereoBagWriter, item: Item, number: int) -> None:
 
 
 def _rover_at(camera: np.ndarray, baseline: float) -> np.ndarray:
-    """Return the pose of the rover, (4, 4) body to world, whose mast looks ahead from a camera's pose."""
+    """Return the pose of a rover, (4, 4) body to world, whose mast looks ahead from a camera's pose.
+
+    The mount is fixed, so the rover is on the ground and level with it only if the camera is 1.2 m high, looks 20 deg
+    down and has no roll.
+    """
     return np.asarray(camera @ np.linalg.inv(ZHURONG.mount.left_eye(baseline)))

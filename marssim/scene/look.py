@@ -59,7 +59,7 @@ class LookConfig:
     drifts: Range = (0.3, 0.9)
     """How much sand lies against rocks and slabs, LOW HIGH: 0 has none, 1 the most. Mounds at their feet are up to 10
     cm high, and tails in the lee of rocks up to 14. Images and depth have it; the ground that a rover drives on does
-    not."""
+    not, except that the wheels' grip depends on it in drives with --slip scene."""
     soil_albedo: Range = (0.7, 1.0)
     """Brightness of sand and soil, LOW HIGH, 0.3 to 1.3: 1 is bright dust, 0.5 the dark basaltic sand between pale
     slabs. The brightness of rocks does not follow it."""

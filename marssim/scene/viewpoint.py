@@ -28,7 +28,7 @@ class ViewConfig:
     down."""
     roll_deg: Range = (-15.0, 15.0)
     """Tilt of the cameras about their optical axis [deg], LOW HIGH, -180 to 180. Positive is clockwise as seen from
-    behind."""
+    behind. A drive does not use it: there, the ground alone tilts the cameras."""
     yaw_deg: Range = (0.0, 360.0)
     """Viewing direction of the cameras [deg], LOW HIGH, -360 to 360, counter-clockwise from east: 90 looks north."""
     rover: Range = (0.0, 0.0)
