@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -69,7 +69,7 @@ def test_radial_tangential_is_that_of_opencv(lens, points):
     theirs, _ = cv2.projectPoints(points[:, None], np.zeros(3), np.zeros(3), k, np.array(lens.coefficients))
     ours = lens.project(points)
     seen = np.isfinite(ours).all(-1)
-    assert seen.mean() > 0.5
+    assume(seen.mean() > 0.5)  # a lens may fold before 45 deg
     assert np.abs(ours[seen] - theirs[seen, 0]).max() < 1e-8
 
 
@@ -82,7 +82,7 @@ def test_fisheye_is_that_of_opencv(lens, points):
     )
     ours = lens.project(points)
     seen = np.isfinite(ours).all(-1)
-    assert seen.mean() > 0.5
+    assume(seen.mean() > 0.5)  # a lens may fold before 45 deg
     assert np.abs(ours[seen] - theirs[seen, 0]).max() < 1e-6
 
 
