@@ -38,7 +38,9 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import DriveFile, read_drive
+from marssim.base.dataset.sample import recorded_time
 from marssim.base.files.json_file import DatasetError
+from marssim.base.pose import recorded_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.base.view.show import check_viewer, show
 from nav.bag import write_decision
@@ -113,14 +115,15 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
     """Yield the frames of one scene of a dataset with their true depth, in the order in which they were taken."""
     for number, entry in enumerate(dataset.index["samples"]):
         if int(entry["name"].split("/")[0]) == scene:
-            sample = dataset[number]
+            sample, file = dataset[number], dataset.path / "scenes" / entry["name"] / "sample.json"
             if "pose" not in sample.meta:
-                file = dataset.path / "scenes" / entry["name"] / "sample.json"
                 raise DatasetError(f"{file}: field 'pose' is missing, so the camera's place is not known")
-            yield Frame(
-                sample.depth, None, sample.rig, np.array(sample.meta["pose"]), images=(sample.left, sample.right),
-                time=float(sample.meta.get("timestamp", sample.meta.get("view", number))),
-            )  # fmt: skip
+            try:
+                pose = recorded_pose(sample.meta["pose"])
+                time = recorded_time(sample.meta, sample.meta.get("view", number))
+            except ValueError as error:
+                raise DatasetError(f"{file}: {error}") from None
+            yield Frame(sample.depth, None, sample.rig, pose, images=(sample.left, sample.right), time=time)
 
 
 def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command: Command) -> None:

@@ -16,7 +16,7 @@ from marssim.base.bags.reader import Bag
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
-from marssim.base.files.json_file import read_json
+from marssim.base.files.json_file import read_json, write_json
 from marssim.base.rover_spec import ZHURONG
 from nav import replay as command
 from nav.replay import Frame, driven, main, recorded, replay
@@ -74,6 +74,16 @@ def test_a_dataset_is_replayed_as_its_frames_are(folder):
     for a, b in zip(read, replay(frames(), (20.0, 0.0)), strict=True):
         assert a.status == b.status and a.speed == pytest.approx(b.speed, abs=0.02)
         assert a.yaw_rate == pytest.approx(b.yaw_rate, abs=0.02)
+
+
+@pytest.mark.parametrize("time", [None, "noon", -1.0, 1e30])
+def test_a_time_that_is_none_is_named(folder, tmp_path, capsys, time):
+    shutil.copytree(folder, tmp_path / "data")
+    file = next((tmp_path / "data").glob("scenes/*/*/sample.json"))
+    write_json(file, {**read_json(file), "timestamp": time})
+    assert main([str(tmp_path / "data"), "--goal", "20", "0"]) == 2
+    error = capsys.readouterr().err
+    assert error == f"error: {file}: timestamp must be a number from 0 to 2e+09 s\n"
 
 
 def test_a_replay_of_a_dataset_writes_a_bag_of_the_same_commands(folder, tmp_path, capsys):
