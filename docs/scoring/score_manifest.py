@@ -22,6 +22,7 @@ from typing import Any
 from manifest_summary import markdown, summary
 
 from envs.rocks import main as count_rocks
+from m3depth.estimator import EstimatorName
 from m3depth.evaluate import main as evaluate
 from m3depth.evaluation.resume import UNFINISHED
 from m3depth.kinds.networks import load_network
@@ -63,7 +64,8 @@ class Options:
     map: bool = True
     """Whether the navigator's map is scored as well as the depth, which takes longer than the depth."""
     limit: int | None = None
-    """Most pairs of each size, set and place, for a trial. Without it, all."""
+    """Most pairs of each size, set and place, for a trial: the first ones. --data must not hold more of them. Without
+    it, all."""
     runtime: RuntimeChoice = "auto"
     """Program that runs M3Depth, as --runtime of m3depth.evaluate names it. Parts that another one scored are scored
     again."""
@@ -152,6 +154,8 @@ def make(part: Part, options: Options) -> StereoDataset:
     """Render the pairs of a part that are missing, and return the dataset."""
     folder = part.dataset(options.data)
     present = len(StereoDataset(folder)) if (folder / "dataset.json").is_file() else 0
+    if options.limit is not None and present > options.limit:
+        raise DatasetError(f"--limit {options.limit}: {folder} holds {present} pairs; give another --data")
     pairs = max(present, min(part.pairs, options.limit or part.pairs))
     flags = ["--out", str(folder), "--pairs", str(pairs), "--workers", str(options.workers), *part.generate]
     _run(generate, flags)
@@ -181,6 +185,7 @@ def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping
     common += ["--runtime", options.runtime]
     methods = [f"m3depth:{path}" for path in weights["map"]]
     further = ["--estimator", *options.estimator] if options.estimator else []
+    estimators = [EstimatorName.parse(text, "--estimator", labelled=True, fillable=True) for text in options.estimator]
     commands = {
         "depth": (
             evaluate,
@@ -196,8 +201,12 @@ def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping
             "pairs": dataset.digest,
             "weights": [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights[kind]],
             "code": source_digest(CODE[kind]),
-            "runtime": recorded_runtime([f"m3depth:{path}" for path in weights[kind]], options.runtime),
         }
+        names = [f"m3depth:{path}" for path in weights[kind]]
+        if kind == "depth":
+            state["estimators"] = [estimator.digest() for estimator in estimators]
+            names += [estimator.name for estimator in estimators]
+        state["runtime"] = recorded_runtime(names, options.runtime)
         done = out / DONE
         if done.is_file() and read_json(done) == state:
             continue

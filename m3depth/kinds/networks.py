@@ -56,13 +56,16 @@ def draw_normal(network: nn.Module) -> None:
     """Draw the weights of all convolutions and linear layers from He et al.'s normal distribution, with biases of 0.
 
     The variance is 2 over the number of inputs that an output sums. First weights with a purpose are lost, such as the
-    small or zero ones by which the last layer of a correction starts as none.
+    small or zero ones by which the last layer of a correction starts as none; scales of normalisations are 1. Other
+    parameters stay.
     """
     for layer in network.modules():
         if isinstance(layer, nn.Linear | nn.modules.conv._ConvNd):
             nn.init.normal_(layer.weight, std=math.sqrt(2 / summed_inputs(layer)))
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)
+        elif isinstance(layer, nn.GroupNorm):
+            layer.reset_parameters()
 
 
 def load_network(path: Path) -> StereoNetwork:

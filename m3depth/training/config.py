@@ -82,15 +82,16 @@ class TrainConfig:
     """Precision of the network in training; auto is bf16 where the device computes in it, else fp32."""
     crop: tuple[int, int] = (256, 448)
     """Height and width of the crops [px], multiples of 8, up to 16384.
-    Multiples of 32 (64 with --preset paper, paper-thin and hit-net) need no padding.
+    Multiples of 32 (64 with --preset paper, paper-thin, hit-net and uni-mvs-net) need no padding.
     """
     lr: float = 8e-4
     """Highest learning rate, above 0 and at most 10. With --init, use a quarter of it or less."""
     schedule: Literal["cycle", "constant"] = "cycle"
     """Course of the learning rate: cycle rises to --lr and falls to a hundredth of it, constant stays at --lr."""
     initial: Literal["own", "normal"] = "own"
-    """Weights of a new network: own are those of its parts; normal draws all of them from normal distributions whose
-    variance is 2 over the number of inputs (He et al.), with biases of 0, also those that start small for a purpose.
+    """Weights of a new network: own are those of its parts; normal draws those of all convolutions and linear layers
+    from normal distributions whose variance is 2 over the number of inputs (He et al.), also those that start small for
+    a purpose. Biases are then 0, and scales of normalisations 1.
     """
     weight_decay: float = 1e-4
     """Weight decay of the optimizer, AdamW, 0 to 10; without, it is Adam."""
@@ -151,7 +152,7 @@ def recipe_defaults(args: Sequence[str]) -> TrainConfig | None:
 
 
 def in_steps(config: TrainConfig, samples: int, world: int) -> TrainConfig:
-    """Return a config whose --epochs are steps, the fewer of these and --max-steps.
+    """Return a config whose max_steps are the fewer of --epochs and --max-steps; epochs stays only if it gave them.
 
     Args:
         config: The flags of the run.
@@ -161,7 +162,9 @@ def in_steps(config: TrainConfig, samples: int, world: int) -> TrainConfig:
     if config.epochs is None:
         return config
     steps = math.ceil(config.epochs * samples / (config.batch * world))
-    return replace(config, max_steps=min(steps, config.max_steps or steps))
+    if config.max_steps is not None and config.max_steps < steps:
+        return replace(config, epochs=None)
+    return replace(config, max_steps=steps)
 
 
 def check_config(config: TrainConfig) -> None:

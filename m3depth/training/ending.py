@@ -16,13 +16,14 @@ def shares_done(config: TrainConfig, step: int, seconds: float) -> dict[str, flo
     """Return the spent share of each budget, by its flag and value; 1 or more is spent.
 
     Args:
-        config: The flags of the run, with its budgets.
+        config: The flags of the run, with its budgets, as m3depth.training.config.in_steps returns them.
         step: Steps taken.
         seconds: Time spent [s].
     """
     shares = {}
     if config.max_steps:
-        shares[f"--max-steps {config.max_steps}"] = step / config.max_steps
+        name = f"--max-steps {config.max_steps}" if config.epochs is None else f"--epochs {config.epochs}"
+        shares[name] = step / config.max_steps
     if config.max_minutes:
         shares[f"--max-minutes {config.max_minutes:g}"] = seconds / 60 / config.max_minutes
     return shares

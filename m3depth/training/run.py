@@ -186,6 +186,9 @@ class Run:
         for part, config in (("loss", c.loss), ("augment", c.augment)):
             values |= {f"{part}.{name}": value for name, value in asdict(config).items()}
         values |= asdict(c.reader)
+        if c.epochs is not None:  # it gave the steps
+            del values["max_steps"]
+            values["epochs"] = c.epochs
         return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in values.items()}
 
     def save(self) -> None:

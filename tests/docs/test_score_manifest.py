@@ -103,8 +103,9 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
     with monkeypatch.context() as patch:
         patch.setattr(score_manifest, "recorded_runtime", lambda names, wanted: "openvino of another version")
         assert score_manifest.main(arguments) == 130 and done.pop().count("--runtime") == 1 and not done
-    assert score_manifest.main([*arguments, "--limit", "1"]) == 130 and len(done) == 1
     capsys.readouterr()
+    assert score_manifest.main([*arguments, "--limit", "1"]) == 2 and not done
+    assert "utopia holds 2 pairs; give another --data" in capsys.readouterr().err
 
 
 def test_the_map_is_left_out_and_the_baselines_are_those_that_the_flags_name(score_manifest, tiny, tmp_path):
@@ -143,6 +144,25 @@ def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manife
     )
     assert [str(path) in calls["depth"] for path in paths.values()] == [True, True]
     assert [f"m3depth:{path}" in calls["map"] for path in paths.values()] == [True, False]
+
+
+def test_a_method_whose_file_has_changed_is_scored_again(score_manifest, tmp_path, monkeypatch):
+    weights, other = tmp_path / "mine.safetensors", tmp_path / "other.safetensors"
+    calls = []
+    monkeypatch.setattr(score_manifest, "evaluate", lambda flags: calls.append(flags) or 0)
+    M3Depth(SMALL).save_pretrained(weights)
+    options = score_manifest.Options(
+        tmp_path, tmp_path / "out", (weights,), map=False, estimator=(f"Other=m3depth:{other}", "sgbm,unfilled")
+    )
+    part = score_manifest.Part("64", "clean", "utopia", "clean", 2, (), (), None)
+    part.scores(options.out, "depth").mkdir(parents=True)
+    for expected in (1, 2):
+        M3Depth(SMALL).save_pretrained(other)  # new random weights
+        for _ in range(2):
+            score_manifest.score(
+                part, SimpleNamespace(path=tmp_path, digest="0"), options, score_manifest.weights_by_kind(options)
+            )
+            assert len(calls) == expected
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The paper's recipe: its defaults, its loss, its first weights, and epochs as steps."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
@@ -51,7 +52,9 @@ def test_epochs_are_steps_of_all_processes_and_the_fewer_steps_count(tmp_path) -
     config = train_config(tmp_path, epochs=3, max_steps=None, batch=4)
     assert in_steps(config, 10, 1).max_steps == 8
     assert in_steps(config, 10, 2).max_steps == 4
-    assert in_steps(train_config(tmp_path, epochs=3, max_steps=5, batch=4), 10, 1).max_steps == 5
+    assert in_steps(config, 10, 1).epochs == 3
+    fewer, more = (in_steps(train_config(tmp_path, epochs=3, max_steps=n, batch=4), 10, 1) for n in (5, 50))
+    assert (fewer.max_steps, fewer.epochs, more.max_steps, more.epochs) == (5, None, 8, 3)
 
 
 def test_a_constant_rate_does_not_change() -> None:
@@ -100,6 +103,8 @@ def test_all_first_weights_are_drawn_from_normal_distributions(tmp_path) -> None
             expected = (2 / layer.weight[0].numel()) ** 0.5
             assert float(layer.weight.detach().std()) == pytest.approx(expected, rel=0.1), name
             assert layer.bias is None or not layer.bias.any()
+        if isinstance(layer, torch.nn.GroupNorm):
+            assert (layer.weight == 1).all() and not layer.bias.any(), name
     sizes = tmp_path / "sizes.json"
     sizes.write_text(json.dumps(TINY["raft-stereo"].to_dict()))
     own, normal = (
@@ -118,4 +123,6 @@ def test_a_training_by_the_recipe_takes_its_epochs(plane_samples, tmp_path, caps
     records = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
     assert {record["lr"] for record in records if "lr" in record} == {1e-4}
     assert train(config, plane_samples, []) == {}
-    assert "already at --max-steps 2" in capsys.readouterr().out
+    assert "already at --epochs 1" in capsys.readouterr().out
+    train(replace(config, epochs=2), plane_samples, [])
+    assert "goes on with other settings: --epochs 2 (was 1)" in capsys.readouterr().err
