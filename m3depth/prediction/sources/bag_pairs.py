@@ -154,8 +154,12 @@ class BagPairs:
         """Return the pose of the left camera in base_link, (4, 4); None if it is not known."""
         if not self.transforms.contains(BASE_LINK, self.frame):
             return None
-        rover, eye = (self.transforms.pose(frame, self.stamp(number)) for frame in (BASE_LINK, self.frame))
-        return None if rover is None or eye is None else np.linalg.inv(rover) @ eye
+        return self.transforms.pose(self.frame, self.stamp(number), BASE_LINK)
+
+    def raw_frame(self, number: int) -> np.ndarray | None:
+        """Return the pose of the rectified left camera in the frame of the raw one, (4, 4); None if it is not raw."""
+        eye = self._eye(0, self.stamp(number))
+        return None if eye is None or eye.raw is None else eye.raw.rectified_to_raw
 
     def valid(self, number: int) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Return where the images of a pair show what the cameras saw, (H, W) bool each; None: everywhere."""

@@ -95,7 +95,7 @@ class Inputs:
         """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown.
 
         Those of --poses are of the left camera as it was given. A pair that was raw has now the axes of the rectified
-        camera. The frames of a bag belong to the rectified camera, as stereo_image_proc has it.
+        camera. The frames of a bag belong to the rectified camera, as stereo_image_proc has it, and are not turned.
 
         Args:
             pair: The pair, as it is read.
@@ -378,7 +378,7 @@ def _bag(options: PredictOptions) -> Inputs:
     pairs = (
         PairInput(
             f"frame_{n:06d}", path, path, None if options.calib else bag.calibration(n), number=n, pose=bag.pose(n),
-            on_rover=bag.on_rover(n),
+            on_rover=bag.on_rover(n), raw_frame=bag.raw_frame(n),
         )
         for n in range(0, bag.count, options.every)
     )  # fmt: skip

@@ -25,7 +25,7 @@ class PairInput:
         on_rover: (4, 4) left camera to rover, where a bag or the label of a product says so.
         raw: The raw images, or the recordings that they are in, of a pair that is rectified here; `left` and `right`
             are then the files that the rectified ones are written to.
-        raw_frame: (4, 4) rectified left camera to the raw one, of a raw pair that is read.
+        raw_frame: (4, 4) rectified left camera to the raw one, of a raw pair that is read or comes from a bag.
     """
 
     name: str

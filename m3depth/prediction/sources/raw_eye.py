@@ -14,6 +14,9 @@ from marssim.base.images.resampling import pixel_grid, rectifying, resample
 class RawEye:
     """Rectifies the images of a camera.
 
+    Attributes:
+        rectified_to_raw: (4, 4) pose of the rectified camera in the frame of the raw one: a rotation.
+
     Args:
         camera: The camera as it was built, in the frame of the rectified one.
         ideal: The rectified camera.
@@ -23,6 +26,8 @@ class RawEye:
     def __init__(self, camera: PosedCamera, ideal: PinholeCamera, valid: np.ndarray | None = None) -> None:
         self._camera, self._ideal = camera, ideal
         self._valid = np.ones((ideal.height, ideal.width), bool) if valid is None else valid
+        self.rectified_to_raw = np.eye(4)
+        self.rectified_to_raw[:3, :3] = camera.rotation
 
     @cached_property
     def _places(self) -> np.ndarray:

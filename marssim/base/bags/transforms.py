@@ -61,12 +61,24 @@ class Transforms:
             frame = self._parent[frame]
         return None
 
-    def pose(self, frame: str, stamp: int) -> np.ndarray | None:
-        """Return the pose of a frame in its outermost frame at a time [ns], (4, 4); None if it is not known then."""
+    def pose(self, frame: str, stamp: int, outer: str | None = None) -> np.ndarray | None:
+        """Return the pose of a frame in another one at a time [ns].
+
+        Args:
+            frame: The frame.
+            stamp: The time [ns].
+            outer: The frame that the pose is in, whose own pose need not be known; None for the outermost one.
+
+        Returns:
+            (4, 4) pose; None if it is not known then, or the frame does not stand in `outer`.
+        """
         pose = np.eye(4)
         for _ in range(MOST_LEVELS):
-            if (frame := frame.lstrip("/")) not in self._parent:
+            frame = frame.lstrip("/")
+            if outer is not None and frame == outer.lstrip("/"):
                 return pose
+            if frame not in self._parent:
+                return pose if outer is None else None
             step = self._step(frame, stamp)
             if step is None:
                 return None

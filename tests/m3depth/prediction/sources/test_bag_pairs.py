@@ -14,6 +14,7 @@ from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.inputs import find_inputs
 from marssim.base.bags.messages import SECOND
 from marssim.base.bags.reader import stamp_of
+from marssim.base.rover_spec import ZHURONG
 
 
 @pytest.fixture
@@ -209,6 +210,18 @@ def test_the_folder_of_work_may_be_the_bag(make, tmp_path, monkeypatch):
     """Its name is empty, but a rig.json may lie beside it, as the bag has no frame of the rover."""
     monkeypatch.chdir(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
     assert main([".", "--out", str(tmp_path / "out"), "--method", "sgbm", "--write", "depth"]) == 0
+
+
+def test_the_camera_on_the_rover_is_known_before_the_first_pose_of_the_rover_and_after_the_last(make):
+    def between(topic, message):
+        if topic == "/tf" and stamp_of(message.transforms[0]) != STAMPS[1]:
+            message.transforms = [item for item in message.transforms if item.header.frame_id == "base_link"]
+        return message
+
+    pairs = BagPairs(make(between, count=3))
+    assert [pairs.pose(n) is None for n in range(3)] == [True, False, True]
+    for number in range(3):
+        np.testing.assert_allclose(pairs.on_rover(number), ZHURONG.mount.left_eye(0.27), atol=1e-9)
 
 
 def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsys):

@@ -9,13 +9,15 @@ import trimesh
 from raw_pairs import GROUND, SIZE, depth_of, drawn, opencv_pair
 
 from m3depth.predict import main
+from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
+from m3depth.prediction.sources.inputs import find_inputs
 from marssim.base.bags.messages import camera_info_message, image_message
 from marssim.base.bags.reader import Bag
 from marssim.base.bags.writer import BagWriter
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import rectified_view
-from marssim.base.camera import PinholeCamera
+from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.images.resampling import pixel_grid
 
 
@@ -62,6 +64,20 @@ def test_raw_images_are_rectified_on_the_way_in(raw, tmp_path, capsys):
     valid, _ = BagPairs(path).valid(0)
     assert 0.5 < valid.mean() < 0.999 and np.isnan(depth[~valid]).all()  # alpha leaves a border that shows nothing
     assert right[0, 3] == pytest.approx(-0.2 * right[0, 0], rel=1e-3)
+
+
+def test_poses_of_a_file_are_those_of_the_raw_camera(raw, tmp_path):
+    path, turn, *_ = raw
+    (tmp_path / "poses.txt").write_text("1 0 0 5 0 1 0 6 0 0 1 7\n")
+    for axes in ("z-up", "camera"):
+        options = PredictOptions((path,), tmp_path, poses=tmp_path / "poses.txt", pose_axes=axes, write=("depth",))
+        inputs = find_inputs(options)
+        (pair,), rig = inputs.pairs, StereoRig(PinholeCamera(*SIZE, 1, 1, 0, 0), 0.2)
+        expected = np.eye(4)
+        expected[:3, :3], expected[:3, 3] = turn.T, (5, 6, 7)
+        if axes == "camera":  # the world is the rover at the first pair
+            expected = inputs.on_rover(pair, rig, options) @ np.linalg.inv(pair.raw_frame) @ expected
+        np.testing.assert_allclose(inputs.pose(pair, rig, options), expected, atol=1e-6)
 
 
 def changed(raw, path, topic=lambda name: name, edit=lambda name, message: message):

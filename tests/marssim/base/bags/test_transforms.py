@@ -29,6 +29,16 @@ def test_a_pose_is_interpolated_between_two_times_and_unknown_beyond_them():
     assert tree.pose("eye", 99) is None and tree.pose("eye", 301) is None
 
 
+def test_a_pose_in_another_frame_needs_only_the_frames_between_them():
+    tree = Transforms()
+    tree.add("odom", "base_link", pose(1), 100)
+    tree.add("/base_link", "mast", pose(0.5, 0.5))
+    tree.add("mast", "eye", pose(0.2), 100)
+    np.testing.assert_allclose(tree.pose("mast", 99, "/base_link"), pose(0.5, 0.5))
+    np.testing.assert_allclose(tree.pose("/eye", 100, "base_link"), pose(0.5, 0.5) @ pose(0.2))
+    assert tree.pose("eye", 99, "base_link") is None and tree.pose("eye", 100, "wheel") is None
+
+
 def test_what_stands_still_has_no_world_and_a_circle_has_no_pose():
     tree = Transforms()
     tree.add("base_link", "eye", pose(1))
