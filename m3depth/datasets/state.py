@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from m3depth.datasets.open import PairList
+from m3depth.datasets.pair_files import PairFiles
+from m3depth.datasets.rigs import FileRig
 from m3depth.stereo.pairs import StereoPairs
 
 
@@ -21,9 +23,15 @@ def state_of_pairs(dataset: StereoPairs) -> Any:
     if (digest := getattr(dataset, "digest", None)) is not None:
         return digest
     if isinstance(dataset, PairList):
-        files = (path for pair in dataset.pairs for path in (pair.left, pair.right, pair.truth, pair.normal))
+        files = (path for pair in dataset.pairs for path in _files_of(pair))
         return state_of_files(path for path in files if path is not None)
     return len(dataset)
+
+
+def _files_of(pair: PairFiles) -> Iterable[Path | None]:
+    """Return the files that a pair is read from, its mask and calibration file among them; None where it has none."""
+    calibration = pair.calibration.file if isinstance(pair.calibration, FileRig) else None
+    return pair.left, pair.right, pair.truth, pair.normal, pair.visible, calibration
 
 
 def state_of_files(files: Iterable[Path]) -> str:
