@@ -10,7 +10,7 @@ import numpy as np
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.pair_files import CalibrationFinder, PairFiles
-from marssim.base.calibration.rectified import Calibration
+from marssim.base.calibration.rectified import ROUNDING, Calibration
 from marssim.base.files.json_file import DatasetError
 
 RENDERING = "00"  # number of the rendering that is read; OAISYS can render a pass several times
@@ -67,11 +67,12 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         The calibration; None if the file is not a config of OAISYS.
 
     Raises:
-        DatasetError: The sensors are not a rectified pair; the message names the file.
+        DatasetError: The sensors are not a rectified pair, or lack something; the message names the file.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-        sensors = {s["sensorParams"]["outputBaseName"]: s["sensorParams"] for s in data["SENSOR_SETUP"]["SENSORS"]}
+        params = [sensor["sensorParams"] for sensor in data["SENSOR_SETUP"]["SENSORS"]]
+        sensors = {str(sensor["outputBaseName"]): sensor for sensor in params}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     eyes = []
@@ -86,19 +87,27 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         (k, right_k), (place, right_place) = (
             [np.array(eye[field], float) for eye in eyes] for field in ("KMatrix", "transformation")
         )
-        width, height = eyes[0]["imageResolution"]
+        width, height = map(int, eyes[0]["imageResolution"])
         k, right_k = k.reshape(3, 3), right_k.reshape(3, 3)
         across = _camera_axes(place[3:7]).T @ (right_place[:3] - place[:3])
         turned = np.abs(place[3:7] - right_place[3:7]).max() > 1e-6
-    except (KeyError, ValueError, TypeError, IndexError):
+    except (KeyError, ValueError, TypeError, IndexError, OverflowError):
         raise DatasetError(f"{path}: the sensors lack KMatrix, transformation or imageResolution") from None
-    if turned or not across[0] > 0 or np.abs(across[1:]).max() > 1e-3 * across[0] or abs(right_k - k)[:2, :2].max() > 0:
+    if not all(np.isfinite(values).all() for values in (k, right_k, place, right_place)):
+        raise DatasetError(f"{path}: KMatrix and transformation of the sensors must be finite")
+    unlike = abs(right_k - k)[:2, :2].max() > 0 or abs(right_k - k)[1, 2] > ROUNDING
+    if turned or unlike or not across[0] > 0 or np.abs(across[1:]).max() > 1e-3 * across[0]:
         raise DatasetError(
             f"{path}: the sensors are not a rectified pair with the right one to the right of the left one"
         )
     shift = float(right_k[0, 2] - k[0, 2])
-    size = (int(width), int(height))
-    return Calibration(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), float(across[0]), shift, size)
+    fx, fy, cx, cy = (float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    calibration = Calibration(fx, fy, cx, cy, float(across[0]), shift, (width, height))
+    try:
+        calibration.rig(width, height)
+    except ValueError as error:
+        raise DatasetError(f"{path}: {error}") from None
+    return calibration
 
 
 def _camera_axes(quaternion: np.ndarray) -> np.ndarray:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
@@ -41,7 +39,7 @@ class FileRig:
         size, baseline = calibration.size, calibration.baseline
         if size is not None and size != (width, height):
             raise DatasetError(f"{self.file}: is for {size[0]} x {size[1]} px, {self.left} is {width} x {height}")
-        if not np.isfinite(baseline) or baseline <= 0:
+        if baseline <= 0:
             raise DatasetError(f"{self.file}: the baseline is {baseline:g} m; are left and right exchanged?")
         if baseline > WIDEST_BASELINE:
             raise DatasetError(

@@ -49,6 +49,14 @@ class Calibration:
     shift: float = 0.0
     size: tuple[int, int] | None = None
 
+    def checked(self) -> Calibration:
+        """Return this calibration. Raises ValueError if a number is not finite or out of the range of PinholeCamera."""
+        PinholeCamera(*(self.size or (1, 1)), self.fx, self.fy, self.cx, self.cy)
+        for name, unit in (("baseline", "m"), ("shift", "px")):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} must be finite [{unit}], got {getattr(self, name)}")
+        return self
+
     def rig(self, width: int, height: int) -> StereoRig:
         """Return the rig for images of this size, once the right one is moved by `shift` (see align_right).
 
@@ -72,22 +80,23 @@ def read_calibration(
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is not a calibration, or lacks something; the message names both.
+        ValueError: The file is not a calibration, lacks something, or holds numbers that no camera has; the message
+            names both.
     """
     text = read_text(path)
     right_text = None if right is None else read_text(right)
     try:
         if is_camera_info(text):
-            return _from_ros(text, right_text, baseline)
+            return _from_ros(text, right_text, baseline).checked()
         if right is not None:
             raise ValueError("is not a CameraInfo of ROS, the only kind that comes in two files")
         if text.lstrip().startswith(("%YAML", "<?xml", "{")):
-            return _from_json(text) or _from_opencv(text)
+            return (_from_json(text) or _from_opencv(text)).checked()
         if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
-            return _from_middlebury(text)
+            return _from_middlebury(text).checked()
         if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
             grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
-            return _from_kitti(text, ("0", "1") if grey else ("2", "3"))
+            return _from_kitti(text, ("0", "1") if grey else ("2", "3")).checked()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     raise ValueError(

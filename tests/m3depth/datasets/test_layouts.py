@@ -201,13 +201,31 @@ def test_oaisys_with_its_own_config(tmp_path) -> None:
         ({"transformation": [0, -0.27, 0.1, 0.5, 0.5, -0.5, -0.5]}, "not a rectified pair"),
         ({"KMatrix": [51, 0, 19.5, 0, 50, 11.5, 0, 0, 1]}, "not a rectified pair"),
         ({"KMatrix": [51, 0]}, "lack KMatrix"),
+        ({"KMatrix": [50, 0, 19.5, 0, 50, 12.5, 0, 0, 1]}, "not a rectified pair"),
+        ({"KMatrix": [50, 0, float("nan"), 0, 50, 11.5, 0, 0, 1]}, "KMatrix and transformation .* must be finite"),
+        ({"transformation": [0, -0.27, 0, float("nan"), 0.5, -0.5, -0.5]}, "transformation .* must be finite"),
+        ({"transformation": [0, -270, 0, 0.5, 0.5, -0.5, -0.5]}, "baseline must be at most 10 m, got 270"),
         ({"outputBaseName": "second"}, "cannot tell the right sensor; name it by --right"),
+        ({"outputBaseName": 5}, "cannot tell the right sensor; name it by --right; its sensors: sensorLeft, 5"),
     ],
 )
 def test_oaisys_sensors_that_are_not_a_pair_are_named(tmp_path, change, message) -> None:
+    named_of_oaisys(tmp_path, 1, change, message)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [([float("inf"), H], "lack KMatrix, transformation or imageRes"), ([0, H], "width must be at least 1 pixel")],
+)
+def test_a_size_of_oaisys_that_no_image_has_is_named(tmp_path, size, message) -> None:
+    named_of_oaisys(tmp_path, 0, {"imageResolution": size}, message)
+
+
+def named_of_oaisys(tmp_path: Path, eye: int, change: dict, message: str) -> None:
+    """Assert that a config with a changed sensor is refused in one line."""
     path = oaisys_tree(tmp_path)
     config = json.loads(path.read_text())
-    config["SENSOR_SETUP"]["SENSORS"][1]["sensorParams"] |= change
+    config["SENSOR_SETUP"]["SENSORS"][eye]["sensorParams"] |= change
     path.write_text(json.dumps(config))
     with pytest.raises(DatasetError, match=message) as error:
         open_pairs(tmp_path, "all", DataConfig(calib=path))
@@ -366,6 +384,10 @@ BROKEN = [
     (lambda r: put(r / "a/0_right.jpg", image()[:20]), r"a/0_left\.jpg is 40 x 24, .*0_right\.jpg is 40 x 20"),
     (lambda r: put(r / "a/0_map.npy", ramp()[:20]), r"a/0_map\.npy: is 40 x 20, its image is 40 x 24"),
     (lambda r: put(r / "calib.txt", "cam0=[50 0 1]"), r"calib\.txt: field baseline is missing; give --calib"),
+    (
+        lambda r: put(r / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0).replace("cam0=[50", "cam0=[0")),
+        r"calib\.txt: fx must be positive and finite \[px\], got 0\.0; give --calib",
+    ),
     (lambda r: (r / "calib.txt").unlink(), "needs --calib"),
     (
         lambda r: put(r / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0).replace("width=40", "width=80")),
