@@ -23,7 +23,7 @@ from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.files.npy import encode_npy
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 
 EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
 RECORD = "prediction.json"  # written last: a folder that has it is whole
@@ -86,7 +86,8 @@ def single_folder(out: Path) -> ResultFolder:
             f"--out {out}: its {present[0]} would be replaced, and no {RECORD} says that it is of an earlier "
             "prediction; choose another"
         )
-    return ResultFolder(out, "prediction", RECORD, mark_text=UNFINISHED, shared=True)
+    partial = PARTIAL, f"{FOLDER}/{PARTIAL}"
+    return ResultFolder(out, "prediction", RECORD, mark_text=UNFINISHED, shared=True, partial=partial)
 
 
 def files_in(out: Path) -> list[str]:
