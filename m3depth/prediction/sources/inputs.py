@@ -179,14 +179,21 @@ def find_inputs(options: PredictOptions) -> Inputs:
     """
     for mask in options.mask:
         check_file(mask, "mask")
-    inputs = _find(options)
+    other = _without_layout(options)
+    inputs = other or Inputs(tuple(_numbered(_dataset(options.images[0], options))))
     is_bag_alone = isinstance(inputs.recording, BagPairs) and not options.calib
     if options.every > 1 and inputs.recording is None:
         raise ValueError("--every is for videos and bags: it takes every n-th pair")
-    if options.camera_info and not isinstance(inputs.recording, BagPairs):
+    if options.split != "all" and other is not None:
+        raise ValueError("--split is for datasets: it takes a part of one")
+    if options.format not in ("auto", "list", "folder") and other is not None:
+        raise ValueError(f"--format {options.format} is for datasets: it is the layout of one; leave it out")
+    if isinstance(inputs.recording, BagPairs):
+        _check_result_bag(options)
+    elif options.camera_info:
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
-    if isinstance(inputs.recording, BagPairs) and options.poses is not None:
-        _check_poses_of_bag(options)
+    elif options.stamp_tolerance != PredictOptions.stamp_tolerance:
+        raise ValueError("--stamp-tolerance is for ROS 2 bags: it pairs their images")
     if isinstance(inputs.recording, BagPairs) and options.mount and any(p.on_rover is not None for p in inputs.pairs):
         where = f"the frames of {options.images[0]} say where the cameras are on the rover"
         print(f"warning: {where}: --mount is not used", file=sys.stderr)
@@ -217,9 +224,14 @@ def find_inputs(options: PredictOptions) -> Inputs:
     return replace(inputs, flag_files=files)
 
 
-def _check_poses_of_bag(options: PredictOptions) -> None:
-    """Raise ValueError for clouds in the world of --poses in a bag, whose frames do not hold it."""
-    if options.cloud_frame == "world" and {"bag", "cloud"} <= set(options.write):
+def _check_result_bag(options: PredictOptions) -> None:
+    """Raise ValueError for a bag of results whose frames would lack the world of its clouds, or its depth the sky."""
+    if "bag" in options.write and not {"npy", "tiff"} & set(options.map_format):
+        raise ValueError(
+            f"--map-format {' '.join(options.map_format)}: the bag of the results is made of the maps, and these do "
+            "not tell sky from unknown; add npy, or leave bag out of --write"
+        )
+    if options.poses is not None and options.cloud_frame == "world" and {"bag", "cloud"} <= set(options.write):
         raise ValueError(
             f"--cloud-frame world: the clouds would be in the world of {options.poses}, which is no frame of the bag; "
             "leave bag out of --write, or --poses"
@@ -233,7 +245,8 @@ def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:
     return replace(inputs, pairs=pairs, rectification=rectification)
 
 
-def _find(options: PredictOptions) -> Inputs:
+def _without_layout(options: PredictOptions) -> Inputs | None:
+    """Return the pairs of any source but a dataset whose layout tells its pairs; None for that."""
     if len(options.images) == 2:
         left, right = options.images
         if left.suffix.lower() in SUFFIXES:
@@ -267,7 +280,7 @@ def _find(options: PredictOptions) -> Inputs:
         return Inputs(tuple(_numbered(pairs)))
     if options.format == "auto" and (products := find_products(source)):
         return Inputs(tuple(_numbered(PairInput(left.stem, left, right) for left, right in products)))
-    return Inputs(tuple(_numbered(_dataset(source, options))))
+    return None
 
 
 def _numbered(pairs: Iterable[PairInput]) -> Iterator[PairInput]:
@@ -281,8 +294,9 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
     if not root.is_dir():
         raise DatasetError(f"{root}: is not a folder; --left and --right start from a folder")
     if Path(options.left).is_absolute() or Path(options.right).is_absolute():
-        root = Path(Path(options.left).anchor or Path(options.right).anchor)
-        patterns = [Path(pattern).resolve().relative_to(root).as_posix() for pattern in patterns]
+        paths = [(root / pattern).resolve() for pattern in patterns]
+        root = Path(paths[0].anchor)
+        patterns = [path.relative_to(root).as_posix() for path in paths]
     fixed = root
     for part in Path(patterns[0]).parts[:-1]:
         if "*" in part or "?" in part:

@@ -254,6 +254,15 @@ def test_clouds_in_the_world_of_a_file_of_poses_do_not_come_into_a_bag_without_i
     assert (tmp_path / "out/fused_cloud.ply").is_file() and not (tmp_path / "out/bag").exists()
 
 
+@pytest.mark.parametrize("forms", [("pfm",), ("png", "pfm")])
+def test_a_bag_of_maps_that_do_not_tell_sky_from_unknown_is_refused(make, tmp_path, forms):
+    bag = make()
+    with pytest.raises(ValueError, match=rf"^--map-format {' '.join(forms)}: the bag of the results [^\n]*; add npy"):
+        find_inputs(PredictOptions((bag,), tmp_path / "out", map_format=forms))
+    for flags in ({"map_format": (*forms, "tiff")}, {"map_format": forms, "write": ("depth",)}):
+        assert find_inputs(PredictOptions((bag,), tmp_path / "out", **flags)).pairs
+
+
 def test_without_frames_there_are_no_poses(make):
     pairs = BagPairs(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
     assert pairs.world is None and pairs.pose(0) is None and pairs.on_rover(0) is None

@@ -62,6 +62,15 @@ def test_patterns_pair_the_same_text_and_leave_masks_out(tmp_path, monkeypatch):
     ]  # fmt: skip
 
 
+def test_a_pattern_starts_from_the_given_folder_beside_an_absolute_one(tmp_path, monkeypatch):
+    for eye in "LR":
+        image(tmp_path / f"sol/7_{eye}.png")
+    monkeypatch.chdir(tmp_path.parent)
+    for left, right in (("sol/*_L.png", f"{tmp_path}/sol/*_R.png"), (f"{tmp_path}/sol/*_L.png", "sol/*_R.png")):
+        (pair,) = find(tmp_path, left=left, right=right).pairs
+        assert (pair.name, pair.left, pair.right) == ("7_L", tmp_path / "sol/7_L.png", tmp_path / "sol/7_R.png")
+
+
 def test_a_list_names_pairs_from_its_folder(tmp_path):
     for name in ("a/1.png", "b/1.png", "a/2.png", "b/2.png"):
         image(tmp_path / name)
@@ -201,6 +210,11 @@ def test_a_pose_of_a_dataset_that_is_none_is_named(tmp_path):
         ("poses", "poses.txt: holds 2 poses, there are 1 pairs"),
         ("no folder", "--format oaisys needs the dataset's folder before --left and --right"),
         ("every", "--every is for videos"),
+        ("split", "--split is for datasets: it takes a part of one"),
+        ("split of patterns", "--split is for datasets"),
+        ("split of a list", "--split is for datasets"),
+        ("stamps", "--stamp-tolerance is for ROS 2 bags: it pairs their images"),
+        ("layout", "--format kitti is for datasets: it is the layout of one; leave it out"),
         ("empty list", "empty.txt: names no pair of images"),
         ("mask", "gone.png: no such mask"),
         ("fisheye", "--fisheye is of raw images: give the calibration of their cameras with --calib"),
@@ -217,6 +231,11 @@ def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
         "half": lambda: find(tmp_path, **patterns),
         "no folder": lambda: find(format="oaisys", **patterns),
         "every": lambda: find(tmp_path / "a_L.png", tmp_path / "b_R.png", every=2),
+        "split": lambda: find(tmp_path / "a_L.png", tmp_path / "b_R.png", split="test"),
+        "split of patterns": lambda: find(tmp_path, left="a_*.png", right="a_*.png", split="test"),
+        "split of a list": lambda: find(tmp_path / "empty.txt", split="test"),
+        "stamps": lambda: find(tmp_path / "a_L.png", tmp_path / "b_R.png", stamp_tolerance=0.05),
+        "layout": lambda: find(tmp_path / "a_L.png", tmp_path / "b_R.png", format="kitti"),
         "nothing": lambda: find(tmp_path, left="*_Q.png", right="*_R.png"),
         "one image": lambda: find(tmp_path / "a_L.png"),
         "missing": lambda: find(tmp_path / "gone"),
