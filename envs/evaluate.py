@@ -53,6 +53,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
+FILMED = "videos.json"  # file in OUT with the record's file of each film
 BEST, WORST = "best.mp4", "worst.mp4"  # films in OUT
 
 
@@ -164,7 +165,7 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
     films = _films(config, tasks, records)
     if not films:
         return
-    noted = config.out / "videos.json"  # the record's file of each film
+    noted = config.out / FILMED
     filmed = read_json(noted) if noted.is_file() else {}
     for name, (words, n) in films.items():
         path, task = config.out / name, tasks[n]
@@ -228,7 +229,7 @@ def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: s
 def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
     """Drive the courses of --bag-courses again and write their bags, those that are missing."""
     for task, record in zip(tasks, records, strict=True):
-        path = config.out / "bags" / Path(task.file).stem
+        path = _bag_path(config.out, task)
         if task.episode not in config.bag_courses or path.is_dir():
             continue
         words = f"bag of course {task.episode}, {task.cell.name}, {task.driver}, {task.perception}"
@@ -239,6 +240,23 @@ def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence
                 bar.update()
 
             bag.end(drive(config, task, watch).outcome)
+
+
+def _delete_films_and_bag(out: Path, task: Task) -> None:
+    """Delete the films and the bag of an episode, so that those that are asked for are made again."""
+    noted = out / FILMED
+    filmed = read_json(noted) if noted.is_file() else {}
+    if old := [name for name, file in filmed.items() if file == task.file]:
+        for name in old:
+            (out / name).unlink(missing_ok=True)
+        write_json(noted, {name: file for name, file in filmed.items() if name not in old})
+    if (bag := _bag_path(out, task)).is_dir():
+        shutil.rmtree(bag)
+
+
+def _bag_path(out: Path, task: Task) -> Path:
+    """Return the folder of the bag of an episode."""
+    return out / "bags" / Path(task.file).stem
 
 
 def _lacks_drive(config: EvaluateConfig, task: Task) -> bool:
@@ -253,9 +271,15 @@ def _run(config: EvaluateConfig, tasks: list[Task]) -> None:
 
         def finished(task: tuple[EvaluateConfig, Task], driven: tuple[EpisodeRecord, bytes | None]) -> None:
             record, data = driven
-            if data is not None:  # first, so that a finished episode has its drive
-                write_atomically(drive_path(config.out, task[1].file), data)
-            write_json(config.out / "episodes" / task[1].file, asdict(record))
+            path, recorded = config.out / "episodes" / task[1].file, drive_path(config.out, task[1].file)
+            if not path.is_file():
+                _delete_films_and_bag(config.out, task[1])  # of an earlier drive, whose record the user deleted
+            if data is None:
+                for file in (recorded, recorded.with_suffix(".html")):
+                    file.unlink(missing_ok=True)
+            else:  # before the record, so that a finished episode has its drive
+                write_atomically(recorded, data)
+            write_json(path, asdict(record))
             bar.update()
 
         run_tasks(drive_recorded, [(config, task) for task in tasks], finished, config.workers, config.scheduler)

@@ -1,3 +1,4 @@
+import json
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -70,3 +71,39 @@ def test_finished_drives_without_a_record_are_driven_again_for_it(recorded, tmp_
     assert ("No drive failed, so that none is recorded" in page.text) == arrived
     evaluate(config)
     assert len(driven) == 1 and len(list((config.out / "drives").glob("*.html"))) == 1
+
+
+def with_film_and_bag(recorded, out):
+    """A copy of the evaluation with a film and a bag of its drive, and the paths of both."""
+    config = replace(recorded[0], out=shutil.copytree(recorded[0].out, out))
+    (record,) = (out / "episodes").iterdir()
+    film, bag = out / "videos" / f"{record.stem}.mp4", out / "bags" / record.stem / "metadata.yaml"
+    for file in (film, bag):
+        file.parent.mkdir(parents=True)
+        file.write_text("old")
+    (out / "videos.json").write_text(json.dumps({f"videos/{film.name}": record.name, "best.mp4": "other.json"}))
+    return config, film, bag
+
+
+@pytest.mark.parametrize("record", ["none", "all"])
+def test_a_drive_whose_record_was_deleted_loses_all_that_was_made_of_it(recorded, tmp_path, record):
+    config, film, bag = with_film_and_bag(recorded, tmp_path / "out")
+    (drive,) = (config.out / "drives").glob("*.zip")
+    old = drive.stat().st_mtime_ns
+    shutil.rmtree(config.out / "episodes")
+    evaluate(replace(config, record=record))
+    assert not film.exists() and not bag.parent.exists()
+    assert json.loads((config.out / "videos.json").read_text()) == {"best.mp4": "other.json"}
+    page = Links((config.out / "results.html").read_text(encoding="utf-8"))
+    if record == "none":
+        assert not list((config.out / "drives").iterdir()) and "take it apart" not in page.text
+    else:
+        assert drive.stat().st_mtime_ns > old and f"drives/{drive.stem}.html" in page.links
+
+
+def test_a_drive_that_is_driven_again_to_be_recorded_keeps_its_film_and_bag(recorded, tmp_path):
+    config, film, bag = with_film_and_bag(recorded, tmp_path / "out")
+    shutil.rmtree(config.out / "drives")
+    evaluate(config)
+    assert film.read_text() == bag.read_text() == "old" and len(list((config.out / "drives").iterdir())) == 2
+    assert len(json.loads((config.out / "videos.json").read_text())) == 2
