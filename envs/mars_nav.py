@@ -129,7 +129,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `sinkage`            | with `slip`: mean depth of the wheels in the soil in this step [m]                    |
     | `energy`             | with `slip`: energy of the wheels' motors since the start [J]                         |
     | `drive_seconds`      | with `slip`: time in which the wheels have turned since the start [s]                 |
-    | `drawn`              | with ranges or choices: dict of the values that the episode has of them               |
+    | `drawn`              | with ranges or choices: dict of the episode's values, a `condition` as name or JSON text |
 
     ## Arguments
 

@@ -12,6 +12,7 @@ from envs.courses.course import LIMITS, CourseConfig
 from envs.suites.conditions import Values, condition_values, course_under, under
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig, known_slip
+from marssim.base.files.json_file import json_text
 from marssim.physics.soil.soil_map import GroundName
 from marssim.scene.scene import SceneConfig
 
@@ -53,15 +54,19 @@ class EpisodeSettings:
         """Return {"drawn": the values of what was drawn, by name}; an empty dict where nothing was drawn.
 
         They are the values that the episode has: those of a condition or of options, where these replaced what was
-        drawn. None stands for what the scene has of itself.
+        drawn. None stands for what the scene has of itself. A condition without a name is the JSON text
+        of its values, as a vector environment of gymnasium takes values of one type only.
         """
         if not self.drawn:
             return {}
         low, high = self.scene.look.sun_elevation_deg
+        condition = self.condition
+        if not isinstance(condition, str):
+            condition = json_text(condition, sort_keys=True, default=str)
         values = {
             **{name: getattr(self.course, name) for name in LIMITS},
             "slip": None if self.slip is None else self.slip.ground,
-            "condition": self.condition if isinstance(self.condition, str) else dict(self.condition),
+            "condition": condition,
         }
         if values["sun_elevation_deg"] is None and low == high:  # as a condition fixes it
             values["sun_elevation_deg"] = low

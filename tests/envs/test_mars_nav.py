@@ -132,6 +132,16 @@ def test_autoresets_draw_the_same_in_any_vector_of_gymnasium(rockless):
     assert len({k for row in drawn[0] for k in row[:2]}) > 2  # each environment draws other values at each autoreset
 
 
+def test_conditions_by_name_and_by_values_are_drawn_in_a_vector_of_gymnasium(rockless):
+    """gymnasium gives the entries of info one type, that of the first environment."""
+    vector = vector_of("sync", scene=rockless, condition=("clear", {"look_every": 1.0}))
+    try:
+        conditions = vector.reset(seed=0)[1]["drawn"]["condition"]
+    finally:
+        vector.close()
+    assert list(conditions) == ["clear", '{"look_every": 1.0}']
+
+
 def test_wrappers_of_gymnasium_work_on_the_environment(make_env, rockless, tmp_path):
     env = TimeLimit(FlattenObservation(make_env(scene=rockless, goal_distance=3.0)), 2)
     flat, _ = env.reset(seed=0)
