@@ -8,6 +8,7 @@ const STATUS = {
   blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: ["#9b3fa0", "gives up: stuck"],
   no_path: ["#7a4a9a", "gives up: no path"],
 };
+const STANDING = 1e-7; // [m] between the positions of two steps of the same way, as where the rover turns in place
 const SAME_COURSE = 0.1; // [m] by which start, goal and shortest way of two drives of one course may differ
 const byId = (id) => document.getElementById(id);
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -24,13 +25,20 @@ let stops = []; // positions of the time line [s] or [m]
 let index = 0;
 let timer = null;
 
-const coordinate = (drive, n) => (by === "time" ? n * drive.stepSeconds : drive.steps[n].way);
+// The position of a step on the time line. No two steps of a drive have the same one, so that each can be shown.
+function coordinate(drive, n) {
+  if (by === "time") return n * drive.stepSeconds;
+  let first = n;
+  while (first > 0 && drive.steps[first - 1].way === drive.steps[n].way) first -= 1;
+  return drive.steps[n].way + (n - first) * STANDING;
+}
+
 const moment = (drive, n) => `step ${n}, ${(n * drive.stepSeconds).toFixed(0)} s, ${drive.steps[n].way.toFixed(1)} m driven`;
 
 // The step at which a drive is at a position of the time line: the last one that is not beyond it.
 function stepAt(drive, position) {
   let n = 0;
-  while (n + 1 < drive.steps.length && coordinate(drive, n + 1) <= position + 1e-6) n += 1;
+  while (n + 1 < drive.steps.length && coordinate(drive, n + 1) <= position + STANDING / 10) n += 1;
   return n;
 }
 

@@ -159,6 +159,35 @@ def test_the_page_opens_from_the_disk_and_its_time_line_moves_through_the_drive(
     assert browser.get_log("browser") == []
 
 
+def test_by_the_way_driven_each_step_of_a_rover_that_stands_can_be_shown(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    turning = [step(x=x, yaw=yaw) for x, yaw in ((0, 0), (1, 0), (1, 0.5), (1, 1.0), (2, 1.0))]
+    drives = [drive_of(tmp_path / f"{len(s)}.zip", s, outcome="time") for s in (turning, turning[::4])]
+    page = tmp_path / "pair.html"
+    page.write_bytes(drive_page(drives))
+    browser.get(page.as_uri())
+    browser.execute_script("columns[0].drive.decided.step = 2; document.querySelector('input[value=way]').click()")
+    body = browser.find_element(By.TAG_NAME, "body")
+
+    def shown():
+        return browser.execute_script("return columns.map((column) => stepAt(column.drive, stops[index]))")
+
+    walked = [shown()]
+    for _ in range(4):
+        body.send_keys(Keys.ARROW_RIGHT)
+        walked.append(shown())
+    assert walked == [[0, 0], [1, 0], [2, 0], [3, 0], [4, 1]]
+    body.send_keys("d")
+    assert shown() == [2, 0]
+    browser.execute_script("document.querySelector('input[value=time]').click()")
+    assert shown() == [2, 1]
+    browser.execute_script("document.querySelector('input[value=way]').click()")
+    assert shown() == [2, 0]
+    assert browser.get_log("browser") == []
+
+
 def test_a_chosen_motion_without_a_cost_stops_no_page(browser, tmp_path):
     """read_drive refuses such a file, but the page of a drive may come from elsewhere too."""
     from selenium.webdriver.common.by import By
