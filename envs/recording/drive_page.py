@@ -33,7 +33,7 @@ ENDINGS = {
     "goal": "It reached the goal", "collision": "It hit an obstacle", "tilt": "It tilted by more than 30 deg",
     "stuck": "It got stuck", "time": "It ran out of time", "out_of_bounds": "It left the ground",
     "no_path": "The driver found no way and gave up",
-    "elsewhere": "By its odometry it was at the goal, but it was not",
+    "elsewhere": "The driver believed that it was at the goal, but it was not",
 }  # fmt: skip
 
 

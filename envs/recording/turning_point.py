@@ -24,8 +24,8 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
     An arrival is decided where the rover begins to come nearer to the goal at every step; a collision or a tilt where
     the navigator begins to choose motions that lead over the place where it happened, or, where it chose no such motion
     and for other drivers, where the clearance begins to fall for good or the tilt to rise; a drive that ends elsewhere
-    where the odometry has gone astray for good; giving up where the navigator begins to accept more risk, as every way
-    is closed; and any other end at the place nearest to the goal, after which nothing helped.
+    where the odometry has gone astray for good, if it ends astray; giving up where the navigator begins to accept more
+    risk, as every way is closed; and any other end at the place nearest to the goal, after which nothing helped.
     """
     steps = drive.steps
     last = len(steps) - 1
@@ -43,7 +43,7 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
             return start, "from here on, the rover tilted more at each step"
         start = _run_back(last, lambda i: steps[i + 1]["clearance"] <= steps[i]["clearance"])
         return start, "from here on, the rover came nearer to an obstacle at each step"
-    if outcome == "elsewhere":
+    if outcome == "elsewhere" and _odometry_error(steps[last]) > ASTRAY:  # not so if the driver alone erred
         start = _run_back(last, lambda i: _odometry_error(steps[i]) > ASTRAY)
         return start, f"from here on, the odometry was wrong by more than {ASTRAY:g} m"
     start = _run_back(last, lambda i: steps[i]["risk_level"] > 0)

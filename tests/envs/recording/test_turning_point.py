@@ -38,3 +38,11 @@ def test_any_other_end_is_decided_at_the_nearest_place_or_where_more_risk_is_tak
 def test_a_drive_ends_elsewhere_where_its_odometry_goes_astray(tmp_path):
     steps = [step(x=x, believed_pose=pose_rows(x + error, 0, 0)) for x, error in ((0, 0), (1, 0.4), (2, 0.6), (3, 1.1))]
     assert turning_point(drive_of(tmp_path / "a.zip", steps, outcome="elsewhere"))[0] == 2
+
+
+@pytest.mark.parametrize("error", [0.0, 0.4])
+def test_a_drive_that_ends_elsewhere_by_sound_odometry_is_decided_at_the_nearest_place(tmp_path, error):
+    errors = zip((0.0, 3.0, 5.0, 4.0), (0.0, 0.6, 0.6, error))
+    steps = [step(x=x, believed_pose=pose_rows(x + e, 0, 0)) for x, e in errors]
+    number, why = turning_point(drive_of(tmp_path / "a.zip", steps, outcome="elsewhere"))
+    assert number == 2 and "odometry" not in why
