@@ -199,7 +199,7 @@ class Perception:
         )
 
     def close(self) -> None:
-        """Free the renderer; may be called twice."""
+        """Free the renderer and forget the scene; may be called twice."""
         if self.renderer is not None:
             self.renderer.close()
-            self.renderer = None
+        self.renderer = self._scene = self._shader = None

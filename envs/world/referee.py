@@ -22,7 +22,8 @@ class Referee:
     """
 
     def __init__(self, course: Course, spec: RoverSpec, goal_distance: float) -> None:
-        self.course, self.spec = course, spec
+        self.spec, self._goal = spec, course.goal  # not the course, whose scene would stay in memory with it
+        self._reach = course.scene.half - EDGE
         self.time_limit = round(STEPS_PER_METRE * goal_distance)
         self._places = [course.start[:2]]  # the rover's places since the last command to stand or turn
 
@@ -40,9 +41,9 @@ class Referee:
             return "collision"
         if state.tilt > self.spec.max_tilt:
             return "tilt"
-        if float(np.hypot(*(position - self.course.goal))) <= GOAL_RADIUS:
+        if float(np.hypot(*(position - self._goal))) <= GOAL_RADIUS:
             return "goal"
-        if np.abs(position).max() > self.course.scene.half - EDGE:
+        if np.abs(position).max() > self._reach:
             return "out_of_bounds"
         if self._stuck(position, speed):
             return "stuck"

@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+import weakref
 from dataclasses import replace
 
 import gymnasium
@@ -15,10 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import envs.mars_nav
 from envs.courses.course import CourseConfig, draw_course
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
+from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig
 from marssim.scene.place_file import save_place
 
@@ -509,6 +512,28 @@ def test_either_renderer_can_be_seen_from_outside(make_env):
     assert picture.ndim == 3 and picture.dtype == np.uint8 and picture.std() > 5
     env.reset(seed=1)
     assert not np.array_equal(env.render(), picture)  # of this course, not of the one before
+
+
+@pytest.mark.parametrize(("perception", "dynamics"), [("ground_truth", "kinematic"), ("sgbm", "physics")])
+def test_a_scene_is_forgotten_before_the_next_one_is_made_and_at_the_end(make_env, monkeypatch, perception, dynamics):
+    """But for a scene that is kept."""
+    env = make_env(
+        perception=perception, dynamics=dynamics, eyes=EyesConfig(64, 64), render_mode="rgb_array", episodes_per_scene=2
+    )
+    scenes, kept = [], []
+
+    def drawn(*arguments):
+        kept.extend(scene() is not None for scene in scenes)
+        return draw_course(*arguments)
+
+    monkeypatch.setattr(envs.mars_nav, "draw_course", drawn)
+    for seed in (0, None, 1):
+        env.reset(seed=seed)
+        env.render()
+        scenes.append(weakref.ref(env.course.scene))
+    assert kept == [False, False] and scenes[2]() is not None
+    env.close()
+    assert scenes[2]() is None
 
 
 def resident_memory():
