@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -256,6 +257,25 @@ def load_estimator(
     return _load_class(role, *name.name.split(":", 1))
 
 
+def import_user_module(name: str) -> ModuleType:
+    """Import the module of a class that a user names as "package.module:Class".
+
+    Args:
+        name: "package.module".
+
+    Raises:
+        ModuleNotFoundError: Python does not find it, or a module that it imports. One line that says what is missing,
+            and how to name a module or where to run.
+    """
+    if name.startswith("."):  # import_module would take it for a name within a package
+        hint = "name it as package.module, and run python -m in the folder of package, or put this folder on PYTHONPATH"
+        raise ModuleNotFoundError(f"No module named {name!r}; {hint}", name=name)
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f"{error}{where_to_run(error, name)}", name=error.name) from None
+
+
 def inferred(
     estimator: Estimator, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object
 ) -> Prediction:
@@ -343,13 +363,10 @@ def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estima
 
 def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
     where = f"{role} '{module_name}:{class_name}'"
-    if module_name.startswith("."):  # import_module would take it for a name within a package
-        hint = "name it as package.module, and run python -m in the folder of package, or put this folder on PYTHONPATH"
-        raise ValueError(f"{where}: No module named {module_name!r}; {hint}")
     try:
-        module = import_module(module_name)
+        module = import_user_module(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(f"{where}: {error}{where_to_run(error, module_name)}") from None
+        raise ValueError(f"{where}: {error}") from None
     cls = getattr(module, class_name, None)
     if not isinstance(cls, type):
         raise ValueError(f"{where}: module {module_name} has no class {class_name!r}")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
 from envs.drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from envs.drivers.driver import Driver
 from envs.drivers.policy_files import PolicyDriver
+from m3depth.estimator import import_user_module
 from marssim.base.command.spelling import did_you_mean
-from marssim.base.command.wording import where_to_run
 
 FIELD = "`driver`"  # begins each message; a command replaces a name in ` ` by its flag
 # the drivers that come with the package
@@ -59,10 +58,9 @@ def load_driver_class(name: str) -> Any:
     """
     module, _, attribute = name.partition(":")
     try:
-        driver = getattr(importlib.import_module(module), attribute)()
+        driver = getattr(import_user_module(module), attribute)()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
-        hint = where_to_run(error, module) if isinstance(error, ImportError) else ""
-        raise ValueError(f"{FIELD} {name!r} cannot be made: {error}{hint}") from None
+        raise ValueError(f"{FIELD} {name!r} cannot be made: {error}") from None
     if not (callable(getattr(driver, "act", None)) and callable(getattr(driver, "reset", None))):
         raise ValueError(f"{FIELD} {name!r} has no methods reset and act")
     return driver

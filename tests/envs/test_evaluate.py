@@ -123,6 +123,10 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--perception", "m3depht"], "--perception 'm3depht' is unknown (did you mean m3depth?); choose from"),
         (["--driver", "navigater"], "--driver 'navigater' is unknown (did you mean navigator?); choose from"),
         (["--driver", "nowhere:Wary"], "--driver 'nowhere:Wary' cannot be made: No module named 'nowhere'; run python"),
+        (
+            ["--driver", "./my_driver.py:Wary"],
+            "--driver './my_driver.py:Wary' cannot be made: No module named './my_driver.py'; name it as package",
+        ),
         (["--perception", "nowhere:Net"], "--perception 'nowhere:Net': No module named 'nowhere'; run python -m in"),
         (["--perception", "magic"], "magic"), (["--perception", "m3depth:/no/such.safetensors"], "no/such"),
         (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
