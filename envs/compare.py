@@ -25,7 +25,7 @@ from envs.comparison.report import compare_methods, comparison_notes, comparison
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
 from envs.drives.report import in_table
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.results.claim import ResultFolder
@@ -122,7 +122,7 @@ def _checked(config: CompareConfig) -> list[SuiteResults]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, CompareConfig, "python -m envs.compare", __doc__, args)
+    return run_command(_work, CompareConfig, "python -m envs.compare", __doc__, args, STARTS_OVER)
 
 
 def _work(config: CompareConfig) -> None:

@@ -26,7 +26,7 @@ from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
 from envs.world.eyes import EyesConfig
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.results.claim import PARTIAL, ResultFolder, differences
@@ -219,7 +219,7 @@ def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path) -> EvaluateCon
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, JoinConfig, "python -m envs.join", __doc__, args)
+    return run_command(_work, JoinConfig, "python -m envs.join", __doc__, args, STARTS_OVER)
 
 
 def _work(config: JoinConfig) -> None:

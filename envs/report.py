@@ -23,7 +23,7 @@ import tyro
 
 from envs.recording.drive_page import DRIVES, drive_page
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.drive_file import DriveFile, read_drive
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError
@@ -98,7 +98,7 @@ def _distance(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, ReportConfig, "python -m envs.report", __doc__, args)
+    return run_command(_work, ReportConfig, "python -m envs.report", __doc__, args, STARTS_OVER)
 
 
 def _work(config: ReportConfig) -> None:

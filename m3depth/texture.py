@@ -47,7 +47,7 @@ from m3depth.evaluation.metrics import texture_poor
 from m3depth.figures.texture import GRADIENTS, TextureExample, gradient_shares, texture_figure
 from m3depth.stereo.pairs import in_grey, spread
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import write_json
 from marssim.base.images.texture import entropy, gradient, local_binary_patterns, uniform_labels
@@ -125,7 +125,8 @@ def spectral_slope(power: np.ndarray, frequency: np.ndarray) -> float | None:
         frequency: (H, W) radial frequency [cycles/px].
 
     Returns:
-        The exponent; None where a ring has no power, or a side is shorter than LEAST_SIDE.
+        The exponent; None where the frequencies of a ring have no power, or a side is shorter than LEAST_SIDE.
+        In small images, some rings hold no frequency and are left out.
     """
     if min(power.shape) < LEAST_SIDE:
         return None
@@ -134,10 +135,11 @@ def spectral_slope(power: np.ndarray, frequency: np.ndarray) -> float | None:
     ring, logarithm = ring[inside] - 1, np.log(frequency.ravel()[inside])
     count = np.bincount(ring, minlength=RINGS)
     total = np.bincount(ring, power.ravel()[inside], RINGS)
-    if not (total > 0).all():
+    held = count > 0
+    if not (total[held] > 0).all():
         return None
-    middle = np.bincount(ring, logarithm, RINGS) / count
-    return float(-np.polyfit(middle, np.log(total / count), 1)[0])
+    middle = np.bincount(ring, logarithm, RINGS)[held] / count[held]
+    return float(-np.polyfit(middle, np.log(total[held] / count[held]), 1)[0])
 
 
 def measure(grey: np.ndarray) -> dict[str, float | None]:
@@ -235,7 +237,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command, and return its exit code: 2 for a mistake of the user."""
-    return run_command(_work, TextureOptions, "python -m m3depth.texture", __doc__, args, "nothing was written")
+    return run_command(_work, TextureOptions, "python -m m3depth.texture", __doc__, args, STARTS_OVER)
 
 
 def _work(options: TextureOptions) -> None:

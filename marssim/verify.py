@@ -26,7 +26,7 @@ from marssim.base.camera import NATECAM
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command, writing_to
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import SPLITS, StereoDataset
 from marssim.base.dataset.sample import StereoSample, read_sample
@@ -292,7 +292,9 @@ def main(args: Sequence[str] | None = None) -> int:
         with writing_to(config.out or RESULTS):
             all_well = verify(config)
 
-    return run_command(work, VerifyConfig, "python -m marssim.verify", __doc__, args) or (0 if all_well else 1)
+    return run_command(work, VerifyConfig, "python -m marssim.verify", __doc__, args, STARTS_OVER) or (
+        0 if all_well else 1
+    )
 
 
 if __name__ == "__main__":

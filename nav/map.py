@@ -36,7 +36,7 @@ import tyro
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.map_file import find_map, read_map_file
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results.claim import ResultFolder
@@ -46,6 +46,7 @@ from nav.ground.map_files import BLOCKED, UNKNOWN, layers, window_of, write_map
 from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 
 RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
+RESULT = "map.json"  # written last: a folder that has it holds a whole map
 MOSTLY = 0.9  # share of the depth that lies beyond the range from which on the map has a warning
 LEAST_AREA = 2.0  # [m2], about that of the rover's footprint
 MOST = 4000  # cells along a side
@@ -195,7 +196,10 @@ def make_map(
     """
     places = np.array([pair.pose[:2, 3] for pair in pairs])
     low, high = places.min(axis=0), places.max(axis=0)
-    size = float((high - low).max()) + 2 * (options.max_range + EDGE)
+    cameras = {pair.rig.camera for pair in pairs}
+    # how far away a pixel at the corner of an image may be at that depth
+    reach = options.max_range * max(float(np.linalg.norm(camera.rays(), axis=-1).max()) for camera in cameras)
+    size = float((high - low).max()) + 2 * (reach + EDGE)
     cells = max(FEWEST_CELLS, int(np.ceil(size / options.cell)))
     if cells > MOST:
         raise DatasetError(
@@ -225,7 +229,7 @@ def _watched(pairs: Sequence[PredictedPair]) -> Iterator[PredictedPair]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, MapOptions, "python -m nav.map", __doc__, args)
+    return run_command(_work, MapOptions, "python -m nav.map", __doc__, args, STARTS_OVER)
 
 
 def _work(options: MapOptions) -> None:
@@ -234,6 +238,10 @@ def _work(options: MapOptions) -> None:
     folder.check()
     if (options.out / RECORD).is_file() or (options.out / "predictions.json").is_file():
         raise DatasetError(f"--out {options.out}: holds predictions; choose another")
+    if options.epsg is not None and pairs[0].is_on_rover:
+        raise ValueError(
+            f"--epsg {options.epsg}: {options.data} has no pose in a world; its map is in the rover's frame"
+        )
     count = DepthCount()
     elevation, ground = make_map(pairs, options, count)
     far = (
@@ -248,8 +256,9 @@ def _work(options: MapOptions) -> None:
     poses = np.array([pair.pose for pair in pairs])
     window = window_of(elevation, ground, poses[:, :2, 3], options.origin)
     with folder.claim():
+        (options.out / RESULT).unlink(missing_ok=True)  # of an earlier map, whose layers are replaced now
         write_map(options.out, elevation, ground, window, poses, options.epsg, of_rover=pairs[0].is_on_rover)
-        write_json(options.out / "map.json", {
+        write_json(options.out / RESULT, {
             "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
             "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],
             "max_range_m": options.max_range, "min_confidence": options.min_confidence, "epsg": options.epsg,

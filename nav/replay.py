@@ -35,7 +35,7 @@ from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.bags.writer import check_new
 from marssim.base.camera import StereoRig
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import DriveFile, read_drive
 from marssim.base.dataset.sample import recorded_time
@@ -186,7 +186,7 @@ class ReplayConfig:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, ReplayConfig, "python -m nav.replay", __doc__, args)
+    return run_command(_work, ReplayConfig, "python -m nav.replay", __doc__, args, STARTS_OVER)
 
 
 def _work(config: ReplayConfig) -> None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.geotiff import encode_geotiff
+from marssim.base.files.geotiff import FRAME, encode_geotiff
 from marssim.base.files.png import encode_png
 from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
@@ -17,6 +17,7 @@ from nav.ground.traversability import Traversability
 FREE, NEAR, BLOCKED, UNKNOWN = 0, 1, 2, 255  # values of traversability.tif
 COSTLY = 4.0  # extra cost of a metre at which free ground is drawn yellow
 UNKNOWN_COLOUR = (128, 128, 128)
+ROVER_FRAME = "frame of the rover: x ahead, y left, metres"
 TRAVERSABILITY_TITLE = "green free, yellow costly, orange too near to an obstacle, red obstacle, grey unknown"
 LEAST = 600  # [px] longer side of the picture from which on a cell is one pixel
 LEGEND_WIDTH = 340  # [px]
@@ -124,7 +125,8 @@ def write_map(
     for name, values in layers(elevation, ground).items():
         nodata = UNKNOWN if values.dtype == np.uint8 else float("nan")
         image = np.flipud(values[part])
-        write_atomically(out / f"{name}.tif", encode_geotiff(image, window.west, north, window.cell, nodata, epsg))
+        file = encode_geotiff(image, window.west, north, window.cell, nodata, epsg, ROVER_FRAME if of_rover else FRAME)
+        write_atomically(out / f"{name}.tif", file)
     cells = elevation.cell_of(poses[:, :2, 3]) - (window.columns.start, window.rows.start)
     picture = map_page(np.flipud(map_picture(elevation, ground)[part]), cells, poses[:, :2, 2], window, of_rover)
     write_atomically(out / "map.png", encode_png(picture[..., ::-1]))

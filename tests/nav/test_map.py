@@ -12,7 +12,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.map_file import encode_map
 from marssim.base.pose import look_pose
 from nav.ground.map_files import LEFT, STRIP
-from nav.map import main
+from nav.map import MapOptions, find_pairs, main, make_map
 
 RIG = StereoRig(PinholeCamera.centred(160, 120, 120.0), 0.3)
 BLOCK = np.array([5.0, -0.5]), 0.5, 0.6  # centre [m], half of its side [m], height [m]
@@ -57,6 +57,32 @@ def layer(out: Path, name: str) -> tuple[np.ndarray, float, float]:
 def at(out: Path, name: str, x: float, y: float) -> float:
     values, west, north = layer(out, name)
     return float(values[int((north - y) / 0.1), int((x - west) / 0.1)])
+
+
+def test_a_map_in_the_rovers_frame_says_so_and_has_no_place_on_mars(tmp_path, capsys):
+    write_pair(tmp_path / "pair", pose=False)
+    arguments = [str(tmp_path / "pair"), "--out", str(tmp_path / "map"), "--max-range", "6"]
+    assert main(arguments) == 0
+    with Image.open(tmp_path / "map" / "elevation.tif") as image:
+        assert image.tag_v2[34737] == "frame of the rover: x ahead, y left, metres|"
+    assert main([*arguments, "--epsg", "32631"]) == 2
+    assert "has no pose in a world; its map is in the rover's frame" in capsys.readouterr().err
+
+
+def test_the_map_holds_what_the_corners_of_an_image_show_within_the_range(tmp_path):
+    write_pair(tmp_path / "pair")
+    options = MapOptions(tmp_path / "pair", tmp_path / "out", max_range=6.0)
+    elevation, _ = make_map(find_pairs(options.data), options)
+    assert elevation.config.size / 2 > 6 * np.linalg.norm(RIG.camera.rays(), axis=-1).max() > 7
+
+
+def test_a_map_that_is_being_replaced_has_no_record(tmp_path, monkeypatch):
+    write_pair(tmp_path / "pair")
+    arguments = [str(tmp_path / "pair"), "--out", str(tmp_path / "map"), "--max-range", "6"]
+    assert main(arguments) == 0
+    monkeypatch.setattr("nav.ground.map_files.encode_png", lambda picture: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert main([*arguments, "--cell", "0.3"]) == 130
+    assert (tmp_path / "map" / "elevation.tif").is_file() and not (tmp_path / "map" / "map.json").exists()
 
 
 @pytest.mark.parametrize("form", ["npy", "png"])

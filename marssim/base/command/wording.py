@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 GOES_ON = "the same command goes on from here"
+STARTS_OVER = "the same command starts over"  # likewise, of a command that keeps nothing
 KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
 
 

@@ -13,12 +13,13 @@ import numpy as np
 SAMPLE = {"u1": 1, "f4": 3}  # TIFF's SampleFormat by NumPy's type: unsigned integers, floats
 SHORT, LONG, DOUBLE, ASCII = 3, 4, 12, 2  # types of a field
 SIZES = {SHORT: ("H", 2), LONG: ("I", 4), DOUBLE: ("d", 8), ASCII: ("c", 1)}
-FRAME = "local frame: x east, y north, metres|"
+FRAME = "local frame: x east, y north, metres"
 
 
 def encode_geotiff(
-    values: np.ndarray, west: float, north: float, cell: float, nodata: float, epsg: int | None = None
-) -> bytes:
+    values: np.ndarray, west: float, north: float, cell: float, nodata: float, epsg: int | None = None,
+    frame: str = FRAME,
+) -> bytes:  # fmt: skip
     """Encode a map as GeoTIFF.
 
     Args:
@@ -28,6 +29,7 @@ def encode_geotiff(
         cell: Edge of a cell [m].
         nodata: Value of cells without data; it may be NaN.
         epsg: Code of the projected coordinate system in metres; None: a local frame.
+        frame: What the local frame is, in words.
 
     Returns:
         The content of the file.
@@ -40,9 +42,9 @@ def encode_geotiff(
         raise ValueError(f"a GeoTIFF holds a map (H, W) of uint8 or float32, got {values.dtype} {values.shape}")
     height, width = values.shape
     pixels = np.ascontiguousarray(values, f"<{kind}").tobytes()
-    place = [(1025, 0, 1, 1)]  # a pixel is an area
+    place, name = [(1025, 0, 1, 1)], f"{frame}|"  # a pixel is an area
     if epsg is None:
-        place += [(1026, 34737, len(FRAME), 0), (3072, 0, 1, 32767), (3076, 0, 1, 9001)]  # user-defined, metre
+        place += [(1026, 34737, len(name), 0), (3072, 0, 1, 32767), (3076, 0, 1, 9001)]  # user-defined, metre
     else:
         place += [(3072, 0, 1, epsg)]
     keys = [(1, 1, 0, len(place) + 1), (1024, 0, 1, 1), *place]  # 1024: projected coordinates
@@ -60,7 +62,7 @@ def encode_geotiff(
         (33550, DOUBLE, [cell, cell, 0.0]),
         (33922, DOUBLE, [0.0, 0.0, 0.0, west, north, 0.0]),
         (34735, SHORT, [number for key in keys for number in key]),
-        *([(34737, ASCII, FRAME.encode() + b"\0")] if epsg is None else []),
+        *([(34737, ASCII, name.encode() + b"\0")] if epsg is None else []),
         (42113, ASCII, (b"nan" if np.isnan(nodata) else f"{nodata:g}".encode()) + b"\0"),
     ]
     directory = 8 + len(pixels) + len(pixels) % 2

@@ -226,7 +226,10 @@ def _is_nested(previous: list[Any], asked: list[Any]) -> bool:
 
 
 def as_typed(value: Any) -> str:
-    """Return a value as it is typed on the command line: null as "none", a list with spaces between its values."""
+    """Return a value as it is typed on the command line, a list with spaces between its values.
+
+    Null, which stands for a flag that is not given, is "none".
+    """
     if isinstance(value, list | tuple):
         return " ".join(map(as_typed, value))
     return "none" if value is None else str(value)

@@ -98,6 +98,7 @@ class Page:
         with self._lock:
             before, shot = self._shot, self._shots[self._slider.value - 1]
             if shot is before:
+                self._name.content = self._about  # another shot may not have been shown since
                 return
             try:
                 view = shot.load()
@@ -128,7 +129,8 @@ class Page:
         self._drawing.draw_parts(view)
         self._legend.content = self._layer.legend
         notes = [counted(len(view.points), "point")] if view.layers else []
-        self._name.content = f"**{self._shot.name}** {'; '.join([*notes, view.note])}".removesuffix("; ")
+        self._about = f"**{self._shot.name}** {'; '.join([*notes, view.note])}".removesuffix("; ")
+        self._name.content = self._about
         cloud = ["Cloud"] if view.layers else []
         for name in (*cloud, "Cameras", *(part.name for part in view.parts)):
             self._add_switch(name)

@@ -32,6 +32,13 @@ def test_unknown_is_black_in_every_map_and_sky_is_grey():
     assert (sure[100, 110] == 0).all() and sure[150, 5].max() > 100
 
 
+@pytest.mark.parametrize(("nearest", "farthest"), [(600.0, 1500.0), (310.0, 1000.0), (5000.0, 90000.0)])
+def test_far_scenes_have_a_scale_of_their_own(nearest, farthest):
+    depth = np.linspace(nearest, farthest, 1000, dtype=np.float32).reshape(20, 50)
+    (near, far), (low, high) = depth_range_shown(depth), np.percentile(depth, [2, 98])
+    assert 0.8 * low < near <= low < high <= far < 1.2 * high
+
+
 def test_the_scale_spans_what_the_map_shows():
     assert depth_range_shown(np.array([[1.2, 9.0], [np.inf, np.nan]])) == (1, 10)
     assert depth_range_shown(np.linspace(12, 80, 1000)) == (10, 100)

@@ -58,6 +58,10 @@ def test_the_slider_shows_another_shot_with_its_own_choices_and_parts():
         wait_until(lambda: not page._drawing.group("Map").visible, 5)
         page._slider.value = 3
         wait_until(lambda: page._name.content == "**wall 2** cannot be shown: depth.npy: is broken", 5)
+        page._slider.value = 2
+        wait_until(lambda: page._name.content == "**wall 1** 1600 points; drive", 5)
+        page._slider.value = 3
+        wait_until(lambda: "cannot be shown" in page._name.content, 5)
 
 
 def test_a_shot_without_points_has_no_choice_of_colours():
