@@ -33,6 +33,7 @@ from method_records import (
     RATIOS,
     check_same_pairs,
     of_all_places,
+    other_renderings,
     read_record,
     record_of_run,
     scored_methods,
@@ -270,6 +271,7 @@ def work(options: Options) -> None:
             for name, run in trained.items()
         },
         "commits": {name: [*dict.fromkeys(of_all_places(record["sets"], "commit"))] for name, record in named.items()},
+        "other_renderings": other_renderings(records, named[reference]),
         "sets": compared(records, named[reference]),
     }
     for name, part in content["sets"].items():

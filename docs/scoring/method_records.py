@@ -184,7 +184,10 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def check_same_pairs(records: Sequence[Mapping[str, Any]]) -> None:
-    """Raise DatasetError, one line, unless all records are of the same sets, places, pairs and degradations."""
+    """Raise DatasetError, one line, unless all records are of the same sets, places, pairs and degradations.
+
+    Pairs of the same names are the same if as many pixels lie in each interval of true depth: see other_renderings.
+    """
     first = records[0]
     for record in records[1:]:
         both = f"{record['name']} and {first['name']}"
@@ -204,5 +207,23 @@ def _names(sets: Mapping[str, Any]) -> str:
     return ", ".join(sorted(sets))
 
 
+def other_renderings(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the methods whose pairs have another digest than those of the reference, by "place of set".
+
+    A processor of another kind renders the same pairs with other last bits.
+    """
+    others: dict[str, list[str]] = {}
+    for record in records:
+        for name, of_set in record["sets"].items():
+            for place, part in of_set["places"].items():
+                if part["data"] != reference["sets"][name]["places"][place]["data"]:
+                    others.setdefault(f"{place} of {name}", []).append(record["name"])
+    return others
+
+
 def _pairs(of_set: Mapping[str, Any]) -> dict[str, Any]:
-    return {place: (part["data"], part["pairs"]) for place, part in of_set["places"].items()}
+    """Return the names of the pairs of each place, and how many of their pixels lie in each interval of depth."""
+    return {
+        place: (part["pairs"], [interval["pixels"] for interval in part["intervals"]])
+        for place, part in of_set["places"].items()
+    }

@@ -26,6 +26,8 @@ def markdown(content: Mapping[str, Any]) -> str:
             "",
         ]
         lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs), "", _scored_by(content["commits"])]
+    if content["other_renderings"]:
+        lines += ["", _rendered_elsewhere(content["other_renderings"], content["reference"])]
     for name, part in content["sets"].items():
         lines += _set_section(name, part, content["runs"], content["reference"])
     return "\n".join([*lines, ""])
@@ -91,6 +93,15 @@ def _scored_by(commits: Mapping[str, Sequence[str | None]]) -> str:
             methods.setdefault(commit or "commits that were not recorded", []).append(method)
     parts = [f"{commit} ({', '.join(names)})" for commit, names in methods.items()]
     return f"Scored with the code of {'; '.join(parts)}."
+
+
+def _rendered_elsewhere(others: Mapping[str, Sequence[str]], reference: str) -> str:
+    """Return a sentence on the pairs whose digests differ between methods. others: of other_renderings."""
+    parts = [f"{place} ({', '.join(methods)})" for place, methods in others.items()]
+    return (
+        f"The pairs of these places have another digest than those that {reference} was scored on, with the same true "
+        f"depth by interval, as where another processor renders them: {'; '.join(parts)}."
+    )
 
 
 def _all(starts: Sequence[Mapping[str, Any]], key: str) -> str:

@@ -360,7 +360,7 @@ def test_records_that_cannot_be_compared_are_one_line(
     elif case == "other sets":
         record["sets"] = {"sun10": record["sets"]["clean"]}
     elif case == "other pairs":
-        record["sets"]["clean"]["places"]["gale"]["data"] = "others"
+        record["sets"]["clean"]["places"]["gale"]["intervals"][1]["pixels"] += 1
     elif case == "taken":
         record["name"] = "mine"
     elif case == "taken without training":
@@ -384,3 +384,17 @@ def test_the_table_of_the_results_is_that_of_the_command():
     pages = [ROOT / "docs/results" / name for name in ("methods.md", "methods/methods.md")]
     shown, written = (set(re.findall(r"^\|.*\|$", page.read_text(encoding="utf-8"), re.M)) for page in pages)
     assert shown and shown <= written
+
+
+def test_pairs_that_another_processor_rendered_are_named(compare_methods, folders, measured, tmp_path):
+    scores, run = folders
+    assert compare_methods.main(flags(scores, tmp_path / "one", run)) == 0
+    mine = tmp_path / "one/records/mine.json"
+    assert "another digest" not in (tmp_path / "one/methods.md").read_text()
+    theirs = {**read_json(mine), "name": "theirs"}
+    theirs["sets"]["clean"]["places"]["gale"]["data"] = "others"
+    (tmp_path / "theirs.json").write_text(json.dumps(theirs))
+    arguments = ["--records", str(mine), str(tmp_path / "theirs.json"), "--reference", "mine"]
+    assert compare_methods.main([*arguments, "--out", str(tmp_path / "both")]) == 0
+    page = (tmp_path / "both/methods.md").read_text()
+    assert "another digest than those that mine was scored on" in page and "gale of clean (theirs)" in page
