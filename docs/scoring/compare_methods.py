@@ -127,6 +127,10 @@ def read_records(options: Options) -> list[dict[str, Any]]:
     return records
 
 
+def _gets_truth(record: Mapping[str, Any]) -> bool:
+    return any(of_all_places(record["sets"], "gets_truth"))
+
+
 def _same_scores(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Return whether two records of the same pairs have the same mean Abs Rel in every set."""
     means = ({name: _mean_abs_rel(of_set) for name, of_set in record["sets"].items()} for record in (one, other))
@@ -254,8 +258,9 @@ def work(options: Options) -> None:
     """Read the scores, runs and records, measure the networks, and write the page."""
     records = read_records(options)
     reference = options.reference or records[0]["name"]
-    # Those with a training, which the curves show, come first in all figures: so a method has one colour in all.
-    records.sort(key=lambda record: (record["run"] is None, record["name"] != reference))
+    # Those with a training, which the curves show, come first in all figures, and of these last those with the true
+    # depth, which have no errors by depth: so a method has one colour in all.
+    records.sort(key=lambda record: (record["run"] is None, _gets_truth(record), record["name"] != reference))
     named = {record["name"]: record for record in records}
     if reference not in named:
         raise DatasetError(f"--reference {reference}: no such method; choose one of {', '.join(named)}")
@@ -275,7 +280,9 @@ def work(options: Options) -> None:
         "sets": compared(records, named[reference]),
     }
     for name, part in content["sets"].items():
-        interval_figure(dict(marked(part["intervals"])), options.out / f"error_by_depth_{name}.png", NATECAM.fb)
+        shown = {method: errors for method, errors in part["intervals"].items() if not errors["gets_truth"]}
+        file = options.out / f"error_by_depth_{name}.png"
+        interval_figure(dict(marked(shown or part["intervals"])), file, NATECAM.fb)
     if trained:
         curves_figure({name: run["training"] for name, run in trained.items()}, options.out / "curves.png")
     write_json(options.out / "methods.json", content, sort_keys=False)

@@ -12,6 +12,8 @@ from matplotlib.ticker import FuncFormatter
 
 from m3depth.figures.drawing import method_styles, save
 
+MANY = 12  # lines of a legend; more of them are written small
+
 
 def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | None = None) -> None:
     """Write a PNG of the errors by true depth, in the 15 intervals of the paper's figure.
@@ -62,7 +64,9 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
         ax.set_zorder(shares.get_zorder() + 1)
         ax.patch.set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 6), frameon=False)
+    size = 10 if len(labels) <= MANY else 8
+    columns = min(len(labels), 6)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize=size)
     figure.supxlabel("bars: share of the scored pixels", fontsize=8, color="0.45")
     save(figure, path)
 
