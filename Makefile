@@ -57,6 +57,8 @@ types: install
 demo: install
 	$(BIN)/python -m envs.demo --out out/demo
 
+# With as many threads as cores, where the tests have one.
+bench: export OMP_NUM_THREADS := $(or $(OMP_NUM_THREADS),$(shell getconf _NPROCESSORS_ONLN))
 bench: install
 	$(BIN)/python -m pytest tests/benchmarks -m benchmark -s
 

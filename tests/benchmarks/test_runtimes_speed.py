@@ -22,17 +22,23 @@ PROGRAM = """
 import sys
 from statistics import median
 from time import perf_counter
+import cv2
 from m3depth import load_estimator
 import numpy as np
 from marssim.base.camera import NATECAM
 
 def timed():
     start = perf_counter()
-    network.infer(texture[:, :512], texture[:, 20:532], NATECAM)
+    infer(texture[:, :512], texture[:, 20:532])
     return perf_counter() - start
 
 texture = np.random.default_rng(0).integers(0, 256, (512, 532, 3), dtype=np.uint8)
-network = load_estimator("m3depth", device="cpu", runtime=sys.argv[1])
+if sys.argv[1] == "sgbm":
+    texture = texture[..., 0].copy()
+    infer = cv2.StereoSGBM_create(0, 192, 5, 200, 800, mode=cv2.STEREO_SGBM_MODE_HH).compute
+else:
+    network = load_estimator("m3depth", device="cpu", runtime=sys.argv[1])
+    infer = lambda left, right: network.infer(left, right, NATECAM)
 timed()
 print(median(timed() for _ in range(8)))
 """
@@ -41,11 +47,11 @@ print(median(timed() for _ in range(8)))
 @pytest.mark.parametrize("loops", [0, 1, 2])
 @pytest.mark.parametrize(
     ("runtime", "settings"),
-    [("pytorch", {"GOMP_SPINCOUNT": "300000"}), ("pytorch", {}), ("openvino", {})],
-    ids=["pytorch, threads wait as by default", "pytorch", "openvino"],
+    [("pytorch", {"GOMP_SPINCOUNT": "300000"}), ("pytorch", {}), ("openvino", {}), ("sgbm", {})],
+    ids=["pytorch, threads wait as by default", "pytorch", "openvino", "sgbm"],
 )
 def test_a_pair_beside_busy_loops(capsys, runtime, settings, loops):
-    """512 x 512 px; GOMP_SPINCOUNT's value is the default of GNU's OpenMP."""
+    """512 x 512 px; GOMP_SPINCOUNT's value is the default of GNU's OpenMP, sgbm is OpenCV's along eight paths."""
     if runtime == "openvino" and not openvino_is_installed():
         pytest.skip("needs OpenVINO")
     environment = {name: value for name, value in os.environ.items() if name not in SETTINGS} | settings
