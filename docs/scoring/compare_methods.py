@@ -78,6 +78,9 @@ class Options:
     reference: str | None = None
     """Method whose errors the others are divided by, as the tables call it. Without it, the first of --runs, else the
     first of --scores, else the first of --records."""
+    rendered_elsewhere: bool = False
+    """Also take records of the same pairs with other digests, as another processor renders them with other last bits:
+    if as many pixels lie in each interval of true depth. The page names them."""
 
     def __post_init__(self) -> None:
         names = [run.name for run in self.runs]
@@ -120,10 +123,10 @@ def read_records(options: Options) -> list[dict[str, Any]]:
         if same is None:
             records.append(record)
             continue
-        check_same_pairs([same, record])
+        check_same_pairs([same, record], options.rendered_elsewhere)
         if record["run"] or same["run"] or not _same_scores(record, same):
             raise DatasetError(f"--records {path}: another method is called {record['name']} too")
-    check_same_pairs(records)
+    check_same_pairs(records, options.rendered_elsewhere)
     return records
 
 

@@ -183,10 +183,13 @@ def read_record(path: Path) -> dict[str, Any]:
     return record
 
 
-def check_same_pairs(records: Sequence[Mapping[str, Any]]) -> None:
+def check_same_pairs(records: Sequence[Mapping[str, Any]], rendered_elsewhere: bool = False) -> None:
     """Raise DatasetError, one line, unless all records are of the same sets, places, pairs and degradations.
 
-    Pairs of the same names are the same if as many pixels lie in each interval of true depth: see other_renderings.
+    Args:
+        records: The records.
+        rendered_elsewhere: Whether pairs of the same names with other digests are the same too, if as many pixels lie
+            in each interval of true depth.
     """
     first = records[0]
     for record in records[1:]:
@@ -199,7 +202,9 @@ def check_same_pairs(records: Sequence[Mapping[str, Any]]) -> None:
             )
         for name, of_set in record["sets"].items():
             other = first["sets"][name]
-            if of_set["degrade"] != other["degrade"] or _pairs(of_set) != _pairs(other):
+            if of_set["degrade"] != other["degrade"] or _pairs(of_set, rendered_elsewhere) != _pairs(
+                other, rendered_elsewhere
+            ):
                 raise DatasetError(f"{both} were scored on different pairs of {name}, or on pairs degraded differently")
 
 
@@ -221,9 +226,12 @@ def other_renderings(records: Sequence[Mapping[str, Any]], reference: Mapping[st
     return others
 
 
-def _pairs(of_set: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the names of the pairs of each place, and how many of their pixels lie in each interval of depth."""
+def _pairs(of_set: Mapping[str, Any], rendered_elsewhere: bool) -> dict[str, Any]:
+    """Return what tells the pairs of each place: names, pixels in each interval of depth, and the digest, if it may."""
     return {
-        place: (part["pairs"], [interval["pixels"] for interval in part["intervals"]])
+        place: (
+            part["pairs"], [interval["pixels"] for interval in part["intervals"]],
+            None if rendered_elsewhere else part["data"],
+        )
         for place, part in of_set["places"].items()
-    }
+    }  # fmt: skip

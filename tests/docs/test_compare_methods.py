@@ -360,7 +360,7 @@ def test_records_that_cannot_be_compared_are_one_line(
     elif case == "other sets":
         record["sets"] = {"sun10": record["sets"]["clean"]}
     elif case == "other pairs":
-        record["sets"]["clean"]["places"]["gale"]["intervals"][1]["pixels"] += 1
+        record["sets"]["clean"]["places"]["gale"]["data"] = "others"
     elif case == "taken":
         record["name"] = "mine"
     elif case == "taken without training":
@@ -395,6 +395,11 @@ def test_pairs_that_another_processor_rendered_are_named(compare_methods, folder
     theirs["sets"]["clean"]["places"]["gale"]["data"] = "others"
     (tmp_path / "theirs.json").write_text(json.dumps(theirs))
     arguments = ["--records", str(mine), str(tmp_path / "theirs.json"), "--reference", "mine"]
-    assert compare_methods.main([*arguments, "--out", str(tmp_path / "both")]) == 0
+    arguments += ["--out", str(tmp_path / "both")]
+    assert compare_methods.main(arguments) == 2
+    assert compare_methods.main([*arguments, "--rendered-elsewhere"]) == 0
     page = (tmp_path / "both/methods.md").read_text()
     assert "another digest than those that mine was scored on" in page and "gale of clean (theirs)" in page
+    theirs["sets"]["clean"]["places"]["gale"]["intervals"][1]["pixels"] += 1
+    (tmp_path / "theirs.json").write_text(json.dumps(theirs))
+    assert compare_methods.main([*arguments, "--rendered-elsewhere"]) == 2
