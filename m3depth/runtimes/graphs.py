@@ -50,7 +50,11 @@ def converted(network: M3Depth, finer: bool, dtype: torch.dtype) -> bytes:
         warnings.simplefilter("ignore")  # about constants while tracing
         traced = torch.jit.trace(wrapped, tuple(example), check_trace=False)
         graph = openvino.convert_model(traced, example_input=tuple(example))
-    # While `wrapped` exists: the graph shares the memory of its weights.
+    return packed(graph)  # while `wrapped` exists: the graph shares the memory of its weights
+
+
+def packed(graph: openvino.Model) -> bytes:
+    """Return a graph as a zip file."""
     buffer = io.BytesIO()
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
         openvino.save_model(graph, Path(folder) / PARTS[0], compress_to_fp16=False)
@@ -60,7 +64,7 @@ def converted(network: M3Depth, finer: bool, dtype: torch.dtype) -> bytes:
 
 
 def unpacked(data: bytes) -> openvino.Model:
-    """Return the graph that `converted` packed.
+    """Return the graph of a zip file that `packed` made.
 
     Raises:
         ValueError: The data is damaged.

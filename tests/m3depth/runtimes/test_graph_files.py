@@ -3,19 +3,28 @@
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 pytest.importorskip("openvino")
+import openvino
+
 from m3depth.network.model import M3Depth
 from m3depth.runtimes.graph_files import KEPT, cache_folder, graph_name, kept
-from m3depth.runtimes.graphs import converted, unpacked
+from m3depth.runtimes.graphs import packed, unpacked
 
 
 @pytest.fixture(scope="module")
-def graph(small_network):
-    """A packed graph of few operations."""
-    return converted(small_network(refine_steps=0, lookup_levels=0, fine_width=0), False, torch.float32)
+def graph():
+    """A packed graph of few operations, with three inputs."""
+    opset = openvino.opset13
+    inputs = [opset.parameter([1, 3, 8, 8], np.float32) for _ in range(3)]
+    weights = opset.constant(np.random.default_rng(0).normal(size=(64, 3, 3, 3)).astype(np.float32))
+    convolution = opset.convolution(
+        opset.add(inputs[0], opset.add(*inputs[1:])), weights, [1, 1], [0, 0], [0, 0], [1, 1]
+    )
+    return packed(openvino.Model([convolution], inputs, "few"))
 
 
 @pytest.fixture(autouse=True)

@@ -21,7 +21,7 @@ OTHER_SIZES = [  # each converts and compiles two graphs, which takes seconds: m
     {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0},
     {
         "wavelet_levels": (2, 3), "output_head": 1, "score_kernel": 3, "heads_see_all": True, "lookup_levels": 0,
-        "implied_geometry": False, "match_channels": 0, "residual_width": 0,
+        "implied_geometry": False, "match_channels": 0, "residual_width": 0, "refine_steps": 1,
     },
 ]  # fmt: skip
 
