@@ -17,8 +17,8 @@ class LossConfig:
     """
 
     depth: bool = False
-    """Whether the error is that of depth divided by 15 m, for pixels up to 15 m, as in the paper; else it is that of
-    disparity, with --loss.relative. The consistency is that of disparity in either case."""
+    """Whether error and consistency are those of depth divided by 15 m, for pixels up to 15 m, as in the paper; else
+    they are those of disparity, the error with --loss.relative."""
     disparity: float = 2.0
     """Weight of the error of disparity or depth, 0 to 1000, lambda_d of the paper."""
     normal: float = 1.0

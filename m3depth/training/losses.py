@@ -4,6 +4,9 @@ L_d is a Huber loss on disparity in pixels, plus a share relative to the true di
 depth. (Depth from disparity is hyperbolic: one unit of depth / 15 m would be 1 px at 15 m and 320 px at 0.5 m.) L_n is
 a Huber loss on the difference of unit vectors. L_c compares gradients of disparity, px per px. In these units the three
 terms of a half-trained network are of similar size under the paper's lambdas 2, 1, 3.
+
+With LossConfig.depth, the three are the paper's: L_d and L_c are of depth over 15 m, the knee of each Huber norm is at
+PAPER_KNEE, and pixels beyond 15 m have none.
 """
 
 from __future__ import annotations
@@ -24,6 +27,9 @@ from m3depth.training.batch import Target, disparity_edges, reduce_target
 from m3depth.training.loss_config import LossConfig
 
 FARTHEST_SCORED = 15.0  # [m] depth that counts as 1 in the paper's loss, and beyond which it has none
+PAPER_KNEE = 1.0  # of the paper's Huber norms, which it does not give
+NORMAL_KNEE = 0.1  # 6 degrees
+SLOPE_KNEE = 0.05  # [px / px] a fifth of the slope of level ground: a step that no normals explain costs linearly
 # Mean weight of a batch's pixels from which on it counts in full. Without it, a few pixels, or the rover's own panels,
 # had losses ten times those of other crops, and decided the direction of most steps.
 LEAST_WEIGHT = 0.5
@@ -64,13 +70,27 @@ def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> t
         (B, 1, H, W) bool, False where the surface is seen at a grazing angle (|n . r| / |r| under 0.05: level ground at
         24 m from a height of 1.2 m) or the Sobel window leaves the image.
     """
-    rays = pixel_rays(camera, disparity.shape[-2], disparity.shape[-1])
+    growth, usable = _growth(normal, camera)
+    return -disparity * growth - sobel(disparity), usable
+
+
+def depth_consistency_residual(depth: Tensor, normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
+    """Return consistency_residual of a depth map, (B, 1, H, W) in any unit, as the paper has it.
+
+    Depth is not affine on a plane: its Sobel gradient is right to second order.
+    """
+    growth, usable = _growth(normal, camera)
+    return depth * growth - sobel(depth), usable
+
+
+def _growth(normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
+    """Return by which share of itself depth grows from pixel to pixel, (B, 2, H, W), and where this can be used."""
+    rays = pixel_rays(camera, normal.shape[-2], normal.shape[-1])
     facing = -(normal * rays).sum(1, keepdim=True)  # -(n . r), positive towards the camera
     not_grazing = facing > 0.05 * rays.square().sum(1, keepdim=True).sqrt()
     inside = torch.zeros_like(not_grazing)
     inside[..., 1:-1, 1:-1] = True
-    demanded = -disparity * normal[:, :2] / camera[:, :2, None, None] / torch.where(not_grazing, facing, 1.0)
-    return demanded - sobel(disparity), not_grazing & inside
+    return normal[:, :2] / camera[:, :2, None, None] / torch.where(not_grazing, facing, 1.0), not_grazing & inside
 
 
 def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Tensor) -> Tensor:
@@ -80,9 +100,11 @@ def consistency_loss(disparity: Tensor, normal: Tensor, camera: Tensor, mask: Te
         disparity, normal, camera: See consistency_residual.
         mask: (B, 1, H, W) bool, which should leave out invalid pixels and depth edges; grazing ones are left out here.
     """
-    residual, usable = consistency_residual(disparity, normal, camera)
-    # 0.05 px / px is a fifth of the slope of level ground. A step that the true normals do not explain costs linearly.
-    return weighted_mean(huber(residual, 0.05).sum(1, keepdim=True), (mask & usable).to(residual))
+    return _norm_of_residual(*consistency_residual(disparity, normal, camera), SLOPE_KNEE, mask)
+
+
+def _norm_of_residual(residual: Tensor, usable: Tensor, knee: float, mask: Tensor) -> Tensor:
+    return weighted_mean(huber(residual, knee).sum(1, keepdim=True), (mask & usable).to(residual))
 
 
 def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: LossConfig) -> Tensor:
@@ -104,24 +126,32 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
 
 
 def depth_loss(disparity: Tensor, target: Target, weight: Tensor) -> Tensor:
-    """Return L_d of the paper on one grid: the Huber norm, its knee at 1, of depth over FARTHEST_SCORED.
-
-    Below a disparity of 1 px, depth is the tangent there, so that it has a gradient.
+    """Return L_d of the paper on one grid: the Huber norm of depth over FARTHEST_SCORED.
 
     Args:
         disparity, weight: (B, 1, h, w), the disparity in pixels of the full image.
         target: On the same grid.
     """
-    least = (target.camera[:, 0] * target.baseline / FARTHEST_SCORED)[:, None, None, None]  # [px] at that depth
-    true = least / target.disparity.clamp(min=MIN_DISPARITY)
-    # Below 1 px, depth grows without bound: it is extrapolated linearly from there, so that the gradient stays finite.
+    error = scaled_depth(disparity, target) - _least_disparity(target) / target.disparity.clamp(min=MIN_DISPARITY)
+    return weighted_mean(huber(error, PAPER_KNEE), weight * target.label)
+
+
+def scaled_depth(disparity: Tensor, target: Target) -> Tensor:
+    """Return depth over FARTHEST_SCORED, (B, 1, h, w), of a disparity on the grid of a target.
+
+    Below a disparity of 1 px, depth grows without bound: it is the tangent there, so that its gradient stays finite.
+    """
     held = disparity.clamp(min=1.0)
-    error = least * (1 / held + held - disparity) - true
-    return weighted_mean(huber(error, 1.0), weight * (target.label & (true <= 1)))
+    return _least_disparity(target) * (1 / held + held - disparity)
 
 
-def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
-    """Return L_n on one grid: the Huber norm of the difference of unit vectors (its knee at 0.1 is 6 degrees).
+def _least_disparity(target: Target) -> Tensor:
+    """Return the disparity [px of the full image] at FARTHEST_SCORED, (B, 1, 1, 1)."""
+    return (target.camera[:, 0] * target.baseline / FARTHEST_SCORED)[:, None, None, None]
+
+
+def normal_loss(normal: Tensor, target: Target, weight: Tensor, knee: float = NORMAL_KNEE) -> Tensor:
+    """Return L_n on one grid: the Huber norm of the difference of unit vectors.
 
     Pixels without a true normal (length 0, in datasets that have none) are left out.
 
@@ -129,10 +159,11 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor) -> Tensor:
         normal: (B, 3, h, w), unit length.
         target: On the same grid.
         weight: (B, 1, h, w).
+        knee: Of the Huber norm.
     """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
     valid = target.normal.square().sum(1, keepdim=True) > 0.25
-    return weighted_mean(huber(error, 0.1), weight * (target.label & valid), LEAST_WEIGHT)
+    return weighted_mean(huber(error, knee), weight * (target.label & valid), LEAST_WEIGHT)
 
 
 def total_loss(
@@ -151,10 +182,12 @@ def total_loss(
     if not isinstance(output, StereoOutput):
         return rival_loss(output, target)
     weight = pixel_weights(target, config)
-    maps = trained_maps(output, target, weight, config)
+    within = target._replace(label=target.label & (target.disparity >= _least_disparity(target)))
+    maps = trained_maps(output, within if config.depth else target, weight, config)
+    knee = PAPER_KNEE if config.depth else NORMAL_KNEE
     terms = {
         "disparity": _sum(m.share * disparity_loss(m.disparity, m.target, m.weight, config) for m in maps),
-        "normal": _sum(m.share * normal_loss(m.normal, m.target, m.weight) for m in maps),
+        "normal": _sum(m.share * normal_loss(m.normal, m.target, m.weight, knee) for m in maps),
         **({"consistency": maps_consistency(maps, config)} if config.consistency else {}),
         "confidence": confidence_loss(output, target),
         "sky": sky_loss(output, target, weight),
@@ -236,21 +269,24 @@ def maps_consistency(maps: list[TrainedMaps], config: LossConfig) -> Tensor:
 
     Args:
         maps: As `trained_maps` returns them, the last ones of the network first.
-        config: Holds consistent_steps.
+        config: Holds consistent_steps, and whether it is that of depth.
     """
     last, *earlier = maps
-    losses = [_grid_consistency(last)]
+    losses = [_grid_consistency(last, config.depth)]
     if config.consistent_steps:
-        losses += [config.consistent_steps * m.share * _grid_consistency(m) for m in earlier]
+        losses += [config.consistent_steps * m.share * _grid_consistency(m, config.depth) for m in earlier]
     return _sum(losses)
 
 
-def _grid_consistency(maps: TrainedMaps) -> Tensor:
-    """Return L_c on one grid, whose pixels are its cells."""
+def _grid_consistency(maps: TrainedMaps, depth: bool) -> Tensor:
+    """Return L_c on one grid, whose pixels are its cells: that of depth over FARTHEST_SCORED, or of disparity."""
     target, cell = maps.target, maps.cell
     smooth = target.label & ~disparity_edges(target.disparity, target.valid, float(cell))
     camera = target.camera if cell == 1 else scale_camera(target.camera, cell)
-    return consistency_loss(maps.disparity / cell, maps.normal, camera, smooth)
+    if not depth:
+        return consistency_loss(maps.disparity / cell, maps.normal, camera, smooth)
+    residual = depth_consistency_residual(scaled_depth(maps.disparity, target), maps.normal, camera)
+    return _norm_of_residual(*residual, PAPER_KNEE, smooth)
 
 
 def confidence_loss(output: StereoOutput, target: Target) -> Tensor:

@@ -9,7 +9,7 @@ import torch
 
 from m3depth.network.geometry import pixel_rays, unit
 from m3depth.training.batch import disparity_edges
-from m3depth.training.losses import consistency_loss, consistency_residual
+from m3depth.training.losses import consistency_loss, consistency_residual, depth_consistency_residual
 from marssim.base.camera import NATECAM
 from marssim.base.pose import look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
@@ -34,14 +34,18 @@ def sphere(size: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.T
     return torch.where(under > 0, size * FB / 64 / depth, 0), normal, camera, mask
 
 
-def test_residual_on_a_sphere_falls_with_the_square_of_the_pixel() -> None:
+@pytest.mark.parametrize("of_depth", [False, True])
+def test_residual_on_a_sphere_falls_with_the_square_of_the_pixel(of_depth) -> None:
     means = []
     for size in (64, 128, 256):
         disparity, normal, camera, mask = sphere(size)
         residual, usable = consistency_residual(disparity, normal, camera)
+        if of_depth:
+            depth = size * FB / 64 / disparity.clamp(min=1e-3)
+            residual, usable = depth_consistency_residual(size / 64 * depth, normal, camera)
         inside = (mask & usable).expand_as(residual)
         assert inside.double().mean() > 0.1
-        # px per px of disparity whose slope stays the same as the image grows: comparable between sizes
+        # the slope stays the same as the image grows: comparable between sizes
         means.append(float(residual[inside].abs().mean()))
         assert residual[inside].abs().max() < 0.02
     assert means[2] < 1e-4

@@ -10,12 +10,16 @@ from small_rivals import TINY, train_config
 
 from m3depth.kinds.networks import draw_normal, new_network
 from m3depth.network.config import PRESETS
+from m3depth.network.output import StereoOutput
+from m3depth.training.batch import Target
 from m3depth.training.config import PAPER, PAPER_LOSS, TrainConfig, in_steps, recipe_defaults
 from m3depth.training.loop import train
 from m3depth.training.loss_config import LossConfig
-from m3depth.training.losses import disparity_loss
+from m3depth.training.losses import disparity_loss, total_loss
 from m3depth.training.run import Run, learning_rate
 from marssim.base.command.flags import parse
+
+PAPER_TERMS = ("disparity", "normal", "consistency")
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -61,15 +65,44 @@ def test_a_constant_rate_does_not_change() -> None:
     assert {learning_rate(1e-4, share, "constant") for share in (0.0, 0.3, 1.0)} == {1e-4}
 
 
-def test_the_loss_is_that_of_depth_over_15_m_up_to_there() -> None:
+def test_the_error_is_that_of_depth_over_15_m() -> None:
     target = make_target()
     focal = float(target.camera[0, 0])
     flat = target._replace(disparity=torch.full_like(target.disparity, focal * 0.27 / 6))  # 6 m
     config, weight = LossConfig(depth=True), torch.ones_like(flat.disparity)
     at_9_m = torch.full_like(flat.disparity, focal * 0.27 / 9)
     torch.testing.assert_close(disparity_loss(at_9_m, flat, weight, config), torch.tensor(0.5 * (3 / 15) ** 2))
-    beyond = flat._replace(disparity=torch.full_like(flat.disparity, focal * 0.27 / 16))
-    assert disparity_loss(at_9_m, beyond, weight, config) == 0
+
+
+def paper_terms(target: Target, disparity: torch.Tensor, normal: torch.Tensor) -> dict[str, float]:
+    """The terms of the paper's loss for maps at full size."""
+    logits = torch.zeros_like(disparity)
+    terms = total_loss(StereoOutput(disparity, normal, logits, logits, None, []), target, PAPER_LOSS)[1]
+    return {name: float(terms[name]) for name in PAPER_TERMS}
+
+
+def wall(depth: torch.Tensor) -> tuple[Target, torch.Tensor, torch.Tensor]:
+    """A wall across the view: its target, and disparity and normals of a depth map [m], (H, W)."""
+    target = make_target(*depth.shape)
+    disparity = (float(target.camera[0, 0]) * 0.27 / depth)[None, None]
+    normal = torch.tensor([0.0, 0.0, -1.0])[None, :, None, None].expand_as(target.normal)
+    return target._replace(disparity=disparity, normal=normal), disparity, normal
+
+
+def test_consistency_and_normals_have_the_knee_and_the_unit_of_the_depth() -> None:
+    at_6_m, disparity, facing = wall(torch.full((16, 24), 6.0))
+    turned = torch.tensor([0.0, 0.75**0.5, -0.5])[None, :, None, None].expand_as(facing)  # by 60 deg: an error of 1
+    assert paper_terms(at_6_m, disparity, facing) == pytest.approx(dict.fromkeys(PAPER_TERMS, 0), abs=1e-6)
+    assert paper_terms(at_6_m, disparity, turned)["normal"] == pytest.approx(0.5, rel=1e-4)
+    _, receding, _ = wall(6 + 0.06 * torch.arange(24.0).expand(16, 24))  # by 6 cm a column, under normals without slope
+    assert paper_terms(at_6_m, receding, facing)["consistency"] == pytest.approx(0.5 * (0.06 / 15) ** 2, rel=1e-3)
+
+
+def test_what_lies_beyond_15_m_has_no_loss() -> None:
+    beyond, _, _ = wall(torch.full((16, 24), 15.1))
+    _, near, _ = wall(6 + 0.06 * torch.arange(24.0).expand(16, 24))
+    turned = torch.tensor([0.0, 0.8, -0.6])[None, :, None, None].expand_as(beyond.normal)
+    assert paper_terms(beyond, near, turned) == dict.fromkeys(PAPER_TERMS, 0)
 
 
 def test_a_disparity_under_1_px_is_pulled_towards_the_truth_along_the_tangent_of_depth() -> None:
