@@ -20,28 +20,53 @@ pytestmark = pytest.mark.benchmark
 
 PROGRAM = """
 import sys
+from resource import RUSAGE_SELF, getrusage
 from statistics import median
 from time import perf_counter
 import cv2
 from m3depth import load_estimator
 import numpy as np
-from marssim.base.camera import NATECAM
+from marssim.base.camera import PinholeCamera, StereoRig
 
 def timed():
     start = perf_counter()
-    infer(texture[:, :512], texture[:, 20:532])
+    infer(texture[:, :size], texture[:, shift : shift + size])
     return perf_counter() - start
 
-texture = np.random.default_rng(0).integers(0, 256, (512, 532, 3), dtype=np.uint8)
-if sys.argv[1] == "sgbm":
+method, size, repeats = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+shift = 20 * size // 512
+texture = np.random.default_rng(0).integers(0, 256, (size, size + shift, 3), dtype=np.uint8)
+if method == "sgbm":
     texture = texture[..., 0].copy()
-    infer = cv2.StereoSGBM_create(0, 192, 5, 200, 800, mode=cv2.STEREO_SGBM_MODE_HH).compute
+    infer = cv2.StereoSGBM_create(0, 192 * size // 512, 5, 200, 800, mode=cv2.STEREO_SGBM_MODE_HH).compute
 else:
-    network = load_estimator("m3depth", device="cpu", runtime=sys.argv[1])
-    infer = lambda left, right: network.infer(left, right, NATECAM)
-timed()
-print(median(timed() for _ in range(8)))
+    network = load_estimator("m3depth", device="cpu", runtime=method)
+    rig = StereoRig(PinholeCamera.centred(size, size, 595.9 * size / 512), 0.27)
+    infer = lambda left, right: network.infer(left, right, rig)
+first = timed()
+print(first, median(timed() for _ in range(repeats)), getrusage(RUSAGE_SELF).ru_maxrss / 1024)
 """
+
+
+def measured(method, size, repeats, settings=()):
+    """The seconds of a first pair in a process, the median of those after it, and the process's peak memory [MiB].
+
+    sgbm is OpenCV's along eight paths, in one thread, with 192 disparities at 512 px and as many in proportion.
+    """
+    if method == "openvino" and not openvino_is_installed():
+        pytest.skip("needs OpenVINO")
+    environment = {name: value for name, value in os.environ.items() if name not in SETTINGS} | dict(settings)
+    command = [sys.executable, "-c", PROGRAM, method, str(size), str(repeats)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return map(float, done.stdout.split())
+
+
+@pytest.mark.parametrize("size", [512, 1024, 2048])
+@pytest.mark.parametrize("method", ["pytorch", "openvino", "sgbm"])
+def test_a_pair_of_each_size(capsys, method, size):
+    first, later, memory = measured(method, size, 4)
+    with capsys.disabled():
+        print(f"\n{method}, {size} px: first {first:.2f} s, then {later:.2f} s, peak {memory:.0f} MiB", end="")
 
 
 @pytest.mark.parametrize("loops", [0, 1, 2])
@@ -51,21 +76,16 @@ print(median(timed() for _ in range(8)))
     ids=["pytorch, threads wait as by default", "pytorch", "openvino", "sgbm"],
 )
 def test_a_pair_beside_busy_loops(capsys, runtime, settings, loops):
-    """512 x 512 px; GOMP_SPINCOUNT's value is the default of GNU's OpenMP, sgbm is OpenCV's along eight paths."""
-    if runtime == "openvino" and not openvino_is_installed():
-        pytest.skip("needs OpenVINO")
-    environment = {name: value for name, value in os.environ.items() if name not in SETTINGS} | settings
+    """512 x 512 px; GOMP_SPINCOUNT's value is the default of GNU's OpenMP."""
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, runtime], env=environment, capture_output=True, text=True, check=True
-        )
+        _, seconds, _ = measured(runtime, 512, 8, settings)
     finally:
         for process in busy:
             process.kill()
             process.wait()
     with capsys.disabled():
-        print(f"\n{runtime} {settings or ''} beside {loops} busy loops: {float(done.stdout):.2f} s", end="")
+        print(f"\n{runtime} {settings or ''} beside {loops} busy loops: {seconds:.2f} s", end="")
 
 
 @pytest.mark.parametrize(("size", "pairs"), [(512, 10), (1024, 2)])
