@@ -284,8 +284,10 @@ def work(options: Options) -> None:
     }
     for name, part in content["sets"].items():
         shown = {method: errors for method, errors in part["intervals"].items() if not errors["gets_truth"]}
-        file = options.out / f"error_by_depth_{name}.png"
-        interval_figure(dict(marked(shown or part["intervals"])), file, NATECAM.fb)
+        shown = shown or part["intervals"]
+        titles = dict(marked(shown))
+        untrained = [title for title, method in zip(titles, shown, strict=True) if method not in trained]
+        interval_figure(titles, options.out / f"error_by_depth_{name}.png", NATECAM.fb, untrained)
     if trained:
         curves_figure({name: run["training"] for name, run in trained.items()}, options.out / "curves.png")
     write_json(options.out / "methods.json", content, sort_keys=False)

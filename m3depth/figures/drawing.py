@@ -31,13 +31,16 @@ METHOD_MARKERS = "osD^vPX*"
 
 
 def method_styles() -> Iterator[dict[str, str]]:
-    """Yield line styles of methods without end, as keywords of Axes.plot: the first 16 differ.
+    """Yield line styles of methods without end, as keywords of Axes.plot: the first 128 differ.
 
-    After the colours are through, the marks are hollow, and full again after the next round.
+    After each round of the colours, full marks become hollow. After hollow ones, marks are full again, and each colour
+    has the mark that follows its last one.
     """
-    for hollow in cycle((False, True)):
-        for colour, marker in zip(METHOD_COLOURS, METHOD_MARKERS, strict=True):
-            yield {"color": colour, "marker": marker, "markerfacecolor": "white" if hollow else colour}
+    for shift in cycle(range(len(METHOD_MARKERS))):
+        markers = METHOD_MARKERS[shift:] + METHOD_MARKERS[:shift]
+        for hollow in (False, True):
+            for colour, marker in zip(METHOD_COLOURS, markers, strict=True):
+                yield {"color": colour, "marker": marker, "markerfacecolor": "white" if hollow else colour}
 
 
 def panel_aspect(image: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ from matplotlib.ticker import FuncFormatter
 
 from m3depth.figures.drawing import method_styles, save
 
-MANY = 12  # lines of a legend; more of them are written small
+MANY = 12  # lines of a legend; more of them are written small. With more methods, the figure is larger instead.
 
 
-def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | None = None) -> None:
+def interval_figure(
+    results: dict[str, dict[str, Any]], path: Path, fb: float | None = None, untrained: Collection[str] = ()
+) -> None:
     """Write a PNG of the errors by true depth, in the 15 intervals of the paper's figure.
 
     Args:
@@ -23,8 +26,10 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
         path: The file to write.
         fb: Focal length times baseline [px m] of the rig, for the error that a constant error of disparity gives. None:
             it is not drawn.
+        untrained: Methods whose lines are dashed; a note below the panels says that they were not trained here.
     """
-    figure = Figure(figsize=(11, 4.6), layout="constrained", dpi=120)
+    many = len(results) > MANY
+    figure = Figure(figsize=(13, 7.6) if many else (11, 4.6), layout="constrained", dpi=120)
     panels = figure.subplots(1, 3)
     figures = (
         ("mae", "mean absolute error [m]"),
@@ -36,7 +41,8 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
             rows = [r for r in result["intervals"] if r["pixels"]]
             centres = [(r["from_m"] + r["to_m"]) / 2 for r in rows]
             values = [r["pooled"][key] ** (2 if key == "rmse" else 1) * (100 if key == "bad1" else 1) for r in rows]
-            ax.plot(centres, values, ms=5, lw=1.8, label=name, **style)
+            ax.plot(centres, values, ms=5, lw=1.3 if many else 1.8, ls="--" if name in untrained else "-",
+                    label=name, **style)  # fmt: skip
         if fb and key == "mae":
             z = np.linspace(0.8, 15, 100)
             for pixels in (0.25, 1.0):
@@ -64,10 +70,11 @@ def interval_figure(results: dict[str, dict[str, Any]], path: Path, fb: float | 
         ax.set_zorder(shares.get_zorder() + 1)
         ax.patch.set_visible(False)
     handles, labels = panels[0].get_legend_handles_labels()
-    size = 10 if len(labels) <= MANY else 8
+    size = 10 if many or len(labels) <= MANY else 8
     columns = min(len(labels), 6)
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize=size)
-    figure.supxlabel("bars: share of the scored pixels", fontsize=8, color="0.45")
+    remark = "bars: share of the scored pixels" + "; dashed: not trained here" * bool(untrained)
+    figure.supxlabel(remark, fontsize=8, color="0.45")
     save(figure, path)
 
 

@@ -263,10 +263,12 @@ def test_a_killed_process_of_the_measurement_is_an_error(compare_methods, monkey
 
 def test_a_method_has_one_colour_in_all_figures(compare_methods, folders, measured, tmp_path, monkeypatch):
     """SGBM is read first here, but has no curve of a training."""
-    colours = []
+    colours, dashed = [], []
 
     def pixels(figure):
         colours.append({line.get_label(): line.get_color() for line in figure.axes[0].lines})
+        marked = [line for line in figure.axes[0].lines if line.get_marker() != "None"]
+        dashed.append({line.get_label() for line in marked if line.get_linestyle() == "--"})
         return figure_pixels(figure)
 
     monkeypatch.setattr(drawing, "figure_pixels", pixels)
@@ -275,10 +277,12 @@ def test_a_method_has_one_colour_in_all_figures(compare_methods, folders, measur
     records = [str(tmp_path / "one/records" / f"{name}.json") for name in ("SGBM", "mine")]
     for reference in ("mine", "SGBM"):
         colours.clear()
+        dashed.clear()
         out = str(tmp_path / reference)
         assert compare_methods.main(["--records", *records, "--reference", reference, "--out", out]) == 0
         errors, curves = colours
         assert curves["mine"] == errors["mine"] != errors["SGBM"]
+        assert dashed == [{"SGBM"}, set()]  # which was not trained
 
 
 @pytest.mark.parametrize(

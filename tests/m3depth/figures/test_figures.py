@@ -182,10 +182,23 @@ def test_curves_are_the_figures_of_each_method(plane_samples, tmp_path, drawn_fi
             np.testing.assert_allclose(oracle, unit * np.array(result["sparsification"][f"oracle_{key}"]))
 
 
-def test_sixteen_methods_have_different_lines():
-    styles = [tuple(style.values()) for style, _ in zip(method_styles(), range(17))]
-    assert len(set(styles[:16])) == 16 and styles[16] == styles[0]
+def test_the_lines_of_many_methods_differ():
+    styles = [tuple(style.values()) for style, _ in zip(method_styles(), range(129))]
+    assert len(set(styles[:24])) == 24
+    assert len(set(styles)) == 128 and styles[128] == styles[0]
     assert len({(colour, face == "white") for colour, _, face in styles[:16]}) == 16
+
+
+def test_methods_without_training_are_dashed_in_lines_and_legend(tmp_path, drawn_figures):
+    pooled = {"mae": 0.1, "rmse": 0.2, "bad1": 0.3}
+    result = {"intervals": [{"from_m": 2, "to_m": 3, "pixels": 5, "pooled": pooled}]}
+    interval_figure({f"method {i}": result for i in range(24)}, tmp_path / "figure.png", untrained=["method 23"])
+    (figure,) = drawn_figures
+    dashed = ["-"] * 23 + ["--"]
+    for lines in (*(ax.lines for ax in figure.axes[:3]), figure.legends[0].get_lines()):
+        assert [line.get_linestyle() for line in lines] == dashed
+        assert len({(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in lines}) == 24
+    assert "dashed: not trained here" in figure.get_supxlabel()
 
 
 def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):
