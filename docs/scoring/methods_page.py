@@ -20,11 +20,9 @@ def markdown(content: Mapping[str, Any]) -> str:
     runs = titled(content["runs"], content["runs"])
     lines = ["# Methods compared", "", "Means over images, with 95 % intervals over scenes:", "", *_summary(content)]
     if runs:
-        lines += [
-            "",
-            f"Seconds and memory are those of a pair of 512 x 512 px on {content['versions']['cpus']} processors.",
-            "",
-        ]
+        threads = counted(content["versions"]["torch_threads"], "thread")
+        measured = f"Seconds and memory are those of a pair of 512 x 512 px; PyTorch computed with {threads}."
+        lines += ["", measured, ""]
         lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs), "", _scored_by(content["commits"])]
     if content["other_renderings"]:
         lines += ["", _rendered_elsewhere(content["other_renderings"], content["reference"])]

@@ -168,6 +168,15 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
         assert cv2.imread(str(out / picture)).std() > 5
 
 
+def test_the_page_says_how_many_threads_computed(compare_methods, folders, measured, tmp_path, monkeypatch):
+    """A process may use fewer threads than the machine has processors."""
+    scores, run = folders
+    monkeypatch.setattr(compare_methods, "versions", lambda: {"cpus": 64, "torch_threads": 3})
+    assert compare_methods.main(flags(scores, tmp_path, run)) == 0
+    page = (tmp_path / "methods.md").read_text()
+    assert "of a pair of 512 x 512 px; PyTorch computed with 3 threads." in page
+
+
 def test_the_reference_of_the_ratios_is_any_scored_method(compare_methods, folders, measured, tmp_path):
     scores, run = folders
     out = tmp_path / "out"
