@@ -5,6 +5,7 @@ import json
 import os
 import re
 import sys
+import textwrap
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -19,12 +20,15 @@ from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
 from m3depth.figures import drawing
 from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
+from m3depth.weights.storage import load_weights, save_weights
 from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
 from marssim.base.images.figure_pixels import figure_pixels
 
 EDGES = range(16)
 ROOT = Path(__file__).parents[2]
+WEIGHTS = ROOT / "docs/results/methods/weights"
+DIGESTS = "| file | SHA-256 |"  # the head of their table
 
 
 def result(
@@ -392,11 +396,34 @@ def test_records_that_cannot_be_compared_are_one_line(
     assert message in error and not (tmp_path / "out").exists()
 
 
+def tables(page: str) -> list[list[str]]:
+    """The rows of each table of a page of docs/results."""
+    text = (ROOT / "docs/results" / page).read_text(encoding="utf-8")
+    return [table.splitlines() for table in re.findall(r"(?:^\|.*\|\n)+", text, re.M)]
+
+
 def test_the_table_of_the_results_is_that_of_the_command():
     """The page of results is written by hand, but the rows of its table are not."""
-    pages = [ROOT / "docs/results" / name for name in ("methods.md", "methods/methods.md")]
-    shown, written = (set(re.findall(r"^\|.*\|$", page.read_text(encoding="utf-8"), re.M)) for page in pages)
-    assert shown and shown <= written
+    shown = {row for table in tables("methods.md") if table[0] != DIGESTS for row in table}
+    assert shown and shown <= {row for table in tables("methods/methods.md") for row in table}
+
+
+def test_the_page_has_the_digests_of_the_weights_beside_it():
+    (table,) = [table for table in tables("methods.md") if table[0] == DIGESTS]
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in WEIGHTS.glob("*.safetensors")}
+    assert digests and sorted(table[2:]) == sorted(f"| `{name}` | `{digest}` |" for name, digest in digests.items())
+
+
+def test_the_lines_of_the_page_round_weights_to_the_files_beside_it(tmp_path, monkeypatch):
+    lines = re.search(r"(?:^    .*\n)*^    save_weights\(.*\n", (WEIGHTS / "../../methods.md").read_text(), re.M)
+    config, tensors = load_weights(WEIGHTS / "lite.safetensors")
+    (tmp_path / "runs/lite").mkdir(parents=True)
+    single = {name: tensor.float() for name, tensor in tensors.items()}
+    save_weights(tmp_path / "runs/lite/weights.safetensors", config, single)
+    monkeypatch.chdir(tmp_path)
+    exec(textwrap.dedent(lines[0]), {})
+    for name in ("lite.safetensors", "lite.json"):
+        assert (tmp_path / name).read_bytes() == (WEIGHTS / name).read_bytes()
 
 
 def test_pairs_that_another_processor_rendered_are_named(compare_methods, folders, measured, tmp_path):
