@@ -117,7 +117,8 @@ class ScoreConvolution(nn.Conv3d):
     def forward(self, volume: Tensor) -> Tensor:
         """(B, G, D, H, W) -> (B, 1, D, H, W)."""
         side, middle = self.kernel_size[0], self.kernel_size[0] // 2
-        sums = torch.einsum("bgdhw,gk->kbdhw", volume, self.get_parameter("weight")[0].flatten(1))
+        weight = self.get_parameter("weight")[0].flatten(1)
+        sums = torch.einsum("bgdhw,gk->kbdhw", volume.to(weight), weight)  # OpenVINO multiplies one precision alone
         scores: Tensor = self.get_parameter("bias")
         for tap, part in zip(product(range(side), repeat=3), sums.unbind()):
             shift = [sign * (middle - position) for position in reversed(tap) for sign in (1, -1)]  # as F.pad takes it

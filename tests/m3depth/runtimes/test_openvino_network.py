@@ -52,6 +52,11 @@ def test_maps_from_coarse_to_fine_are_those_of_pytorch(small_network, sizes, in_
     assert max(differences(network.infer(*images), OpenVinoM3Depth(network, FP32).infer(*images))) < 1e-3
 
 
+def test_a_network_of_other_sizes_runs_with_convolutions_in_bf16(small_network):
+    network, images = small_network(**OTHER_SIZES[1]), pair(48, 64)
+    assert differences(network.infer(*images), OpenVinoM3Depth(network, BF16).infer(*images))[0] < 0.05
+
+
 def test_nearest_and_max_pixels_do_the_same(small_network, in_fp32):
     network, images = small_network(), pair(96, 128)
     limits = {"nearest": 0.3, "max_pixels": 48 * 64}
