@@ -1,0 +1,34 @@
+"""The page of the ablation is the report of the scores beside it."""
+
+import json
+import re
+from pathlib import Path
+
+from m3depth.ablation.config import AblateOptions
+from m3depth.ablation.findings import findings
+from m3depth.ablation.studies import distinct
+from m3depth.ablation.tables import markdown
+
+ROOT = Path(__file__).parents[2] / "docs/results"
+FOLDER = ROOT / "ablation"
+
+
+def test_the_tables_are_those_of_the_scores() -> None:
+    results = json.loads((FOLDER / "results.json").read_text())
+    studies, preset = results.pop("studies"), results["preset"]
+    options = AblateOptions(
+        data=tuple(map(Path, results["data"])), out=FOLDER, studies=tuple(studies), steps=results["steps"],
+        preset=preset, seeds=tuple(results["seeds"]),
+    )  # fmt: skip
+    chosen = options.chosen()
+    files = {
+        name: {seed: FOLDER / "runs" / f"{run.name}-{seed}" / "score.json" for seed in options.seeds}
+        for name, run in distinct(chosen.values(), preset).items()
+    }
+    scores = {name: {s: json.loads(file.read_text()) for s, file in of_run.items()} for name, of_run in files.items()}
+    assert {name: findings(study, scores) for name, study in chosen.items()} == studies
+    _, report = markdown(results, studies).split("\n", 1)
+    report = re.sub(r"!\[(\w+)\]\(", r"![\1: the rows beside the paper](ablation/", report.replace("\n## ", "\n### "))
+    assert (ROOT / "ablation.md").read_text().endswith(report)
+    for run in (FOLDER / "runs").iterdir():
+        assert (run / "network.json").is_file()
