@@ -24,7 +24,7 @@ from envs.drives.records import read_record
 from envs.drives.resume import RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
-from envs.world.eyes import EyesConfig
+from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
@@ -66,7 +66,8 @@ def join(config: JoinConfig) -> dict[str, Any]:
     All is checked before anything is written.
 
     Raises:
-        DatasetError: A folder is no evaluation or not finished, the settings, weights, runtimes or errors on a test set
+        DatasetError: A folder is no evaluation or not finished, its true depth has fewer pixels than the images of
+            another perception, the settings, weights, runtimes or errors on a test set
             of two differ, one episode has two different records, episodes are missing, or --out is a shard or holds
             other records. One line that names them.
         FolderInUse: Another command writes to --out.
@@ -88,6 +89,12 @@ def join(config: JoinConfig) -> dict[str, Any]:
         joined = joined if config.suite is None else replace(joined, suite=config.suite)
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
         raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error})") from None
+    if joined.with_true_pixels() != joined:
+        raise DatasetError(
+            f"{first}: its evaluation has the true depth with {FAST_PIXELS} x {FAST_PIXELS} px, which is not compared "
+            f"with other perceptions; drive all of its shards with --ground-truth-pixels {AS_IMAGES}, for those of the "
+            "images"
+        )
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, joined.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
     )

@@ -104,7 +104,7 @@ class Film:
         ]
         bottom = [
             _titled(_with_scale(_square(depth_colours(sight.depth))), DEPTH_TITLE),
-            _titled(_square(normal_colours(np.zeros_like(left) if normal is None else normal)), NORMAL_TITLE),
+            _titled(_square(normal_colours(np.zeros(left.shape) if normal is None else normal)), NORMAL_TITLE),
             _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])

@@ -1,12 +1,14 @@
 import json
 import shutil
+from dataclasses import asdict
 
 import pytest
 from recorded_drives import drive_bytes
 
+from envs.drives.config import EvaluateConfig
 from envs.evaluate import evaluate
 from envs.join import JoinConfig, join, main
-from marssim.base.files.json_file import DatasetError
+from marssim.base.files.json_file import DatasetError, as_json
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -186,6 +188,21 @@ def test_results_of_something_else_are_named(shards, tmp_path, capsys, content):
     error = capsys.readouterr().err
     assert f"{other / 'results.json'}: config does not hold the settings of an eval" in error and error.count("\n") == 1
     assert not (tmp_path / "all").exists()
+
+
+def test_true_depth_of_fewer_pixels_is_not_compared_with_eyes(tmp_path, capsys):
+    shards = []
+    for perception in ("ground_truth", "sgbm"):
+        folder = tmp_path / perception
+        config = EvaluateConfig(folder, perception=(perception,), videos=False)
+        folder.mkdir()
+        (folder / "evaluate.json").write_text(json.dumps(as_json(config.content())))
+        (folder / "results.json").write_text(json.dumps({"config": as_json(asdict(config))}))
+        shards.append(str(folder))
+    assert main([*shards, "--out", str(tmp_path / "all")]) == 2
+    error = capsys.readouterr().err
+    assert f"{shards[0]}: its evaluation has the true depth with 128 x 128 px" in error and error.count("\n") == 1
+    assert "--ground-truth-pixels 0" in error and not (tmp_path / "all").exists()
 
 
 def test_digests_that_are_none_are_named(shards, tmp_path, capsys):

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -64,6 +65,21 @@ def test_the_sky_has_no_normals(on_course, make_scene, make_course, tmp_path):
         film.watch(env, StraightDriver(), 0)
     panel = film.stills[0][PANEL:, PANEL : 2 * PANEL]
     assert (panel[30 : PANEL // 2 - 2] == 0).all() and (panel[PANEL // 2 + 2 :].max(axis=2) > 100).all()
+
+
+class WithoutNormals(SkyAbove):
+    """An estimator that answers no normals."""
+
+    def infer(self, left, right, rig):
+        return replace(super().infer(left, right, rig), normal=None)
+
+
+def test_where_an_estimator_answers_no_normals_their_panel_is_black(on_course, make_scene, make_course, tmp_path):
+    env = on_course(make_course(make_scene()), mast=True, perception=WithoutNormals())
+    with Film(tmp_path / "drive.mp4") as film:
+        film.watch(env, StraightDriver(), 0)
+    panel = film.stills[0][PANEL:, PANEL : 2 * PANEL]
+    assert (panel[30:] == 0).all()
 
 
 def pixels_near(picture, x, y, colour, reach=0.6):
