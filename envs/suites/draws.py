@@ -98,6 +98,8 @@ class EpisodeDraws:
             ValueError: A value is unknown or out of its range, or does not go with one of the conditions. One line that
                 names it.
         """
+        if not isinstance(eyes, EyesConfig):
+            raise ValueError(f"eyes must be an EyesConfig of envs.world.eyes, got {eyes!r:.60}")
         ranges = {name: _ends(name, value) for name, value in numbers.items() if isinstance(value, tuple | list)}
         self._ranges: dict[str, Any] = ranges
         self._fixed: dict[str, Any] = {name: value for name, value in numbers.items() if name not in ranges}

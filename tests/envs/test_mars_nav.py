@@ -414,6 +414,7 @@ def test_bad_options_are_named(make_env, options, named):
         ({"goal_distance": 0.0}, "goal_distance"), ({"k": (0.2, 0.1)}, "^k must have the lower end of its range first"),
         ({"episodes_per_scene": 0}, "^episodes_per_scene must be a whole number of 1 or more, got 0"),
         ({"episodes_per_scene": True}, "^episodes_per_scene must be"),
+        ({"eyes": "storm"}, "^eyes must be an EyesConfig of envs.world.eyes, got 'storm'"),
         ({"perception": 5}, "`perception` 5 has no method infer"),
         (
             {"perception": "magic"},
