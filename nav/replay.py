@@ -10,8 +10,9 @@
 
 Of a dataset, the navigator gets the true depth; the goal is given in the frame of the first image: metres ahead, metres
 to the left. Of a drive that envs.evaluate recorded, it gets the depth that the perception measured, the poses of the
-odometry and the drive's own goal. Its commands may differ a little from those of the drive, as the record keeps every
-n-th pixel. --bag also writes what it saw and decided as a ROS 2 bag. From Python, `replay` takes frames from any source
+odometry, the area of the drive and its own goal. Where the record keeps every n-th pixel of the depth, as of images of
+256 x 256 px or more, the navigator's map has other heights and its commands can differ from those of the drive. --bag
+also writes what it saw and decided as a ROS 2 bag. From Python, `replay` takes frames from any source
 of depth and poses.
 """
 
@@ -46,6 +47,7 @@ from marssim.base.view.show import check_viewer, show
 from nav.bag import write_decision
 from nav.command import Command
 from nav.drive_shots import DriveRecorder
+from nav.ground.masks import Area
 from nav.navigator import Navigator
 
 DRIVE_APART = 6.0  # [m] between two images, beyond which they are no drive; marssim.generate takes them within 5 m
@@ -84,8 +86,9 @@ Watch = Callable[[Frame, Navigator, Command], None]
 
 
 def replay(
-    frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None
-) -> list[Command]:
+    frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None,
+    area: Area | None = None,
+) -> list[Command]:  # fmt: skip
     """Return the navigator's command for each frame, until the navigator ends the drive.
 
     The recording is another driver's: each command is what the navigator would do from the place that this driver had
@@ -96,8 +99,12 @@ def replay(
         goal: (2,) goal in the world [m].
         spec: The rover.
         watch: Is called with frame, navigator and command after each decision.
+        area: (x0, y0, x1, y1) in the world within which the rover's middle must stay [m]; None for no limit.
+
+    Raises:
+        ValueError: The area is empty.
     """
-    navigator, commands = Navigator(spec), []
+    navigator, commands = Navigator(spec, area=area), []
     for frame in frames:
         body, place = frame.body(spec), np.asarray(goal, float)
         command = navigator.step(
@@ -142,6 +149,20 @@ def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command
 def _stamp(frame: Frame) -> int:
     """Return the stamp of a frame in a bag [ns], 1 s later than its time, as 0 is no time in ROS."""
     return round((1 + frame.time) * SECOND)
+
+
+def area_of(drive: DriveFile) -> Area | None:
+    """Return the area of a drive that envs.evaluate recorded; None if its file has none, as before 0.2.
+
+    Raises:
+        DatasetError: The area is empty.
+    """
+    if "area" not in drive.content:
+        return None
+    x0, y0, x1, y1 = map(float, drive.content["area"])
+    if not (x0 < x1 and y0 < y1):
+        raise DatasetError(f"{drive.path}: area must be x0 < x1 and y0 < y1 [m], got {drive.content['area']}")
+    return x0, y0, x1, y1
 
 
 def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
@@ -199,10 +220,10 @@ def _work(config: ReplayConfig) -> None:
         if config.scene:
             raise ValueError(f"--scene is for a dataset; {config.data} holds one drive")
         drive = read_drive(config.data)
-        frames, title = list(driven(drive)), config.data.name
+        frames, title, area = list(driven(drive)), config.data.name, area_of(drive)
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
     else:
-        frames, title = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}"
+        frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
         goal = _world(frames[0], config.goal or AHEAD)
     recorder = DriveRecorder(goal, ZHURONG)
     with ExitStack() as opened:
@@ -219,7 +240,7 @@ def _work(config: ReplayConfig) -> None:
             for each in watches:
                 each(frame, navigator, command)
 
-        commands = replay(frames, goal, watch=watch)
+        commands = replay(frames, goal, watch=watch, area=area)
     print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
     for number, c in enumerate(commands):
         pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"

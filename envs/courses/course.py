@@ -260,6 +260,12 @@ class Course:
     redraws: int
     """Number of courses that were rejected before: no way led to their goal, or an end was too near to steep ground."""
 
+    @property
+    def area(self) -> tuple[float, float, float, float]:
+        """(x0, y0, x1, y1) within which the rover's middle must stay [m]."""
+        reach = self.scene.half - EDGE
+        return -reach, -reach, reach, reach
+
 
 def series_seed(seed: int, number: int) -> int:
     """Return the seed of a course; it depends on the seed of a series of courses and its number in it alone."""

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from envs.courses.course import EDGE
 from envs.drivers.driver import Stop
 from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
@@ -31,9 +30,8 @@ class NavigatorDriver:
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         assert env.course is not None
-        reach = env.course.scene.half - EDGE
-        area = (-reach, -reach, reach, reach)  # the navigator knows where the ground ends
-        self.navigator, self.command = Navigator(env.rover_spec, area=area), None
+        # the navigator knows where the ground ends
+        self.navigator, self.command = Navigator(env.rover_spec, area=env.course.area), None
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
         assert env.sight is not None and env.course is not None

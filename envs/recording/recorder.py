@@ -59,6 +59,7 @@ class Recorder:
         self._pictures: dict[str, bytes] = {}
         self._rover: dict[str, float] = {}
         self._rig: StereoRig | None = None
+        self._area: list[float] = []
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
         """Record a step.
@@ -72,6 +73,8 @@ class Recorder:
             self._steps[-1].update(self._decision(env, driver, len(self._steps) - 1))
         if step == len(self._steps):
             self._rover = {"length": env.rover_spec.length, "width": env.rover_spec.width}
+            assert env.course is not None
+            self._area = [*env.course.area]
             self._steps.append({**self._standing(env), **NOT_DECIDED})
             if env.gaze.fresh:
                 assert env.sight is not None
@@ -91,7 +94,7 @@ class Recorder:
         assert self._rig is not None
         content = {
             "episode": asdict(record), "settings": dict(settings), "step_seconds": STEP_SECONDS, "rover": self._rover,
-            "rig": self._rig.to_dict(), "steps": self._steps,
+            "rig": self._rig.to_dict(), "area": self._area, "steps": self._steps,
         }  # fmt: skip
         return encode_drive(content, self._pictures)
 

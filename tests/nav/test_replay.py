@@ -192,6 +192,22 @@ def test_a_recorded_episode_is_replayed_to_its_own_goal(tmp_path, capsys):
     assert "arrived" in capsys.readouterr().out.splitlines()[1]
 
 
+@pytest.mark.parametrize("area", [[-9.0, -9.0, 0.5, 9.0], None])
+def test_the_area_of_a_recorded_drive_is_kept_to(tmp_path, capsys, area):
+    """Without one, as in files of before, the rover drives on."""
+    pictures = look_pictures(0, next(iter(frames())).depth)
+    limits = {} if area is None else {"area": area}
+    drive_of(tmp_path / "drive.zip", [drive_step(looked=True)], pictures, rig=SMALL_RIG, goal=(20.0, 0.0), **limits)
+    assert main([str(tmp_path / "drive.zip")]) == 0
+    assert ("drive" in capsys.readouterr().out.splitlines()[1]) == (area is None)
+
+
+def test_an_empty_area_is_named(tmp_path, capsys):
+    drive_of(tmp_path / "drive.zip", [drive_step()], area=[1.0, 0.0, 1.0, 2.0])
+    assert main([str(tmp_path / "drive.zip")]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'drive.zip'}: area must be x0 < x1 and y0 < y1 [m]")
+
+
 def test_the_bag_of_a_drive_has_its_times_and_both_poses(tmp_path):
     depth = np.full((8, 8), 3.0)
     steps = [drive_step(x=x, y=0.2, looked=True, believed_pose=pose_rows(x, 0.0, 0.0)) for x in (0.0, 0.4)]

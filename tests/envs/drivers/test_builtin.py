@@ -97,7 +97,7 @@ def test_the_navigator_goes_round_a_rock(on_course, make_scene, make_course):
 def what_a_rover_knows(env):
     """An environment without the truth: no vehicle, no rocks, and of a look no true depth and no true pose."""
     sight = replace(env.sight, true_depth=None, pose=np.full((4, 4), np.nan))
-    course = SimpleNamespace(goal=env.course.goal, scene=SimpleNamespace(half=env.course.scene.half))
+    course = SimpleNamespace(goal=env.course.goal, area=env.course.area)
     gaze = SimpleNamespace(pan=env.gaze.pan, fresh=env.gaze.fresh)
     return SimpleNamespace(rover_spec=ZHURONG, sight=sight, gaze=gaze, believed_pose=env.believed_pose, course=course)
 

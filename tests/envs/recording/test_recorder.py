@@ -11,7 +11,7 @@ from envs.drives.episodes import Cell, run_episode
 from envs.recording.recorder import THUMBNAIL, Recorder
 from envs.world.eyes import EyesConfig
 from marssim.base.dataset.drive_file import MAP_CODES
-from nav.replay import driven, replay
+from nav.replay import area_of, driven, replay
 
 
 def test_every_step_of_an_arrival_has_its_decision(arrival):
@@ -100,7 +100,9 @@ def test_a_driver_that_stops_has_the_last_word(on_course, make_scene, make_cours
 def test_a_recorded_drive_can_be_replayed(arrival):
     """The navigator decides in each place as it did in the drive, but for what codes and true places round."""
     drive, _ = arrival
-    commands = replay(driven(drive), drive.content["episode"]["goal"])
+    area = area_of(drive)
+    commands = replay(driven(drive), drive.content["episode"]["goal"], area=area)
+    assert area is not None and area[0] == area[1] == -area[2] == -area[3] < -3.5  # about the start and the goal
     assert len(commands) == len(drive.steps)
     assert [c.status for c in commands[:-1]] == [s["status"] for s in drive.steps[:-1]]
     speeds = [s["command"]["speed"] for s in drive.steps[:-1]]
