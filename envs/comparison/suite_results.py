@@ -176,12 +176,17 @@ def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> s
     most_way = (1.0 if rigid else SLIDING) * STEP_WAY * steps + AIR
     if episode["path_length"] > most_way:
         return f"path_length must be at most {most_way:.2f} m in {steps} steps, got {episode['path_length']:g}"
-    looks = episode.get("looks")
-    if looks is not None and looks > steps + 1:
-        return f"looks must be at most {steps + 1}, one before the first step and one after each, got {looks}"
+    looks, every = episode.get("looks"), suite.conditions[episode["condition"]].get("look_every", 0)
+    if looks is not None and (looks > steps + 1 or (not every and looks < steps + 1)):
+        most = "at most " if every else ""
+        return f"looks must be {most}{steps + 1}, one before the first step and one after each, got {looks}"
     blind = episode.get("blind")
     if blind is not None and blind > (most_blind := steps + 1 if looks is None else looks):
         return f"blind must be at most {most_blind}, the number of looks, got {blind}"
+    if suite.drive["slip"] is None:
+        for name in ("slip", "energy"):
+            if episode.get(name) is not None:
+                return f"{name} must be null, as the wheels do not slip in {suite.name}, got {episode[name]!r}"
     return None
 
 

@@ -57,7 +57,10 @@ def broken(key, value):
         (broken("steps", 1), "path_length must be at most 0.45 m in 1 steps, got "),
         (broken("looks", 0), "episodes[0].looks must be at least 1, got 0"),
         (broken("looks", 1000), "the first step and one after each, got 1000"),
+        (broken("looks", 2), "clear, course 0: looks must be "),
         (broken("blind", 1000), "the number of looks, got 1000"),
+        (broken("slip", 0.5), "slip must be null, as the wheels do not slip in small-v1, got 0.5"),
+        (broken("energy", 3.0), "energy must be null, as the wheels do not slip in small-v1, got 3.0"),
         (broken("abs_rel", -5), "episodes[0].abs_rel must be at least 0, got -5"),
         (broken("abs_rel", 0.1), "abs_rel must be null for true depth, got 0.1"),
         (broken("rocks", 3), "rocks must be null for true depth, got 3"),
@@ -107,7 +110,7 @@ def test_the_end_of_a_drive_must_fit_its_way_and_its_steps(edited, small_suite, 
             spl=float(success),
             distance=distance,
             steps=steps,
-            looks=1,
+            looks=steps + 1,
         )
 
     with pytest.raises(DatasetError, match=message):
@@ -135,7 +138,8 @@ def test_methods_of_several_files_are_compared_by_course(
         for episode in content["episodes"]:
             way = max(episode["path_length"], episode["shortest"])
             episode.update(outcome="goal", success=True, distance=0.5, path_length=way, spl=episode["shortest"] / way)
-            episode["steps"] = max(episode["steps"], math.ceil(way / 0.4))
+            more = max(math.ceil(way / 0.4) - episode["steps"], 0)
+            episode.update(steps=episode["steps"] + more, looks=episode["looks"] + more)
             episode["perception"] = "theirs"
 
     theirs = edited(arrive)
