@@ -30,7 +30,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import RUNTIME, WEIGHTS, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import scene_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -79,7 +79,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         courses = len(replace(config, shard=None).tasks) // (len(config.driver) * len(config.perception))
         raise ValueError(f"--shard {config.shard} has no episode: use {courses} parts or fewer, one for each course")
     results = ResultFolder(
-        config.out, "evaluation", SETTINGS, config.content(), notes=(WEIGHTS, RUNTIME), partial=(f"**/{PARTIAL}",)
+        config.out, "evaluation", SETTINGS, config.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
     )
     with results.claim():
         digests = noted_digests(results, (*config.perception, *config.driver))

@@ -21,10 +21,11 @@ import tyro
 from envs.comparison.methods import fullest_runtime
 from envs.drives.config import EvaluateConfig
 from envs.drives.records import read_record
-from envs.drives.resume import RUNTIME, WEIGHTS
+from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
+from m3depth.runtimes.choice import joined_runtimes
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
@@ -36,7 +37,6 @@ EPISODES = "episodes"  # folder of the records in it
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
 TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
 NO_SETTINGS = "config does not hold the settings of an evaluation"
-NOTES = (WEIGHTS, RUNTIME)
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
 PATHS = ("suite", "scene")  # may be files, of which other machines have copies elsewhere; SETTINGS has their digests
 OF_SHARD = (
@@ -83,7 +83,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
                 raise DatasetError(f"{folder}: has other settings than {first} ({other_settings[0]})")
     weights = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards)
     test_errors = _test_errors(contents, config.shards)
-    runtime = _runtime([mark.get(RUNTIME) for mark in marks], config.shards)
+    runtimes = {key: _runtime(key, marks, config.shards) for key in (RUNTIME, OTHERS_RUNTIME)}
     try:
         joined = _evaluation(contents, config.out)
         joined = joined if config.suite is None else replace(joined, suite=config.suite)
@@ -110,8 +110,9 @@ def join(config: JoinConfig) -> dict[str, Any]:
             for drive in sorted((folder / DRIVES).glob("*.zip")):
                 if f"{drive.stem}.json" in records:
                     write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
-        results.note(**{WEIGHTS: weights, RUNTIME: runtime})
-        return write_results(joined, {WEIGHTS: weights, RUNTIME: runtime}, test_errors)[0]
+        results.note(**{WEIGHTS: weights, **runtimes})
+        driven_by = {WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values())}
+        return write_results(joined, driven_by, test_errors)[0]
 
 
 def _records(joined: EvaluateConfig, shards: Sequence[Path]) -> dict[str, Path]:
@@ -153,15 +154,27 @@ def _unlike(one: Path, other: Path) -> str:
     return next(iter(differences(first, second)), "")
 
 
-def _runtime(runtimes: Sequence[Any], folders: Sequence[Path]) -> str | None:
-    """Return the program that ran M3Depth in all shards. Raises DatasetError where two ran it in different ones."""
+def _runtime(key: str, marks: Sequence[Mapping[str, Any]], folders: Sequence[Path]) -> str | None:
+    """Return the program that ran M3Depth in all shards, or other networks.
+
+    Args:
+        key: RUNTIME for that of M3Depth, OTHERS_RUNTIME for that of other networks.
+        marks: Content of the settings file of each shard.
+        folders: The shards, for messages.
+
+    Raises:
+        DatasetError: Two shards ran such networks in different programs, or one holds no such record.
+    """
+    runtimes = [mark.get(key) for mark in marks]
     for n, folder in enumerate(folders):
         if not isinstance(runtimes[n], str | None):
-            raise DatasetError(f"{folder / SETTINGS}: {RUNTIME} must be a name or null, got {runtimes[n]!r:.60}")
+            raise DatasetError(f"{folder / SETTINGS}: {key} must be a name or null, got {runtimes[n]!r:.60}")
         try:
             fullest_runtime(runtimes[: n + 1])
         except ValueError as error:
-            raise DatasetError(f"{folder}: M3Depth ran in another program than in another shard ({error})") from None
+            raise DatasetError(
+                f"{folder}: {NETWORKS[key]} ran in another program than in another shard ({error})"
+            ) from None
     return fullest_runtime(runtimes)
 
 

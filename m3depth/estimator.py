@@ -16,10 +16,9 @@ from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
-from m3depth.runtimes.choice import check_runtime, chosen_runtime
+from m3depth.runtimes.choice import check_runtime, chosen_runtime, is_other_network
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
-from m3depth.weights.config_json import kind_in_file
 from marssim.base.camera import StereoRig
 from marssim.base.command.spelling import did_you_mean
 from marssim.base.command.wording import where_to_run
@@ -345,7 +344,7 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
 
 def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estimator:
     check_runtime(runtime)
-    chosen = "pytorch" if kind_in_file(weights) not in (None, "m3depth") else chosen_runtime(runtime, device)
+    chosen = "pytorch" if is_other_network(f"{M3DEPTH}:{weights}") else chosen_runtime(runtime, device)
     with named_by(role):
         check_weights_file(weights)  # before torch is imported
         from m3depth.kinds.networks import load_network

@@ -277,7 +277,7 @@ def dependencies(
         dataset: The pairs.
         estimators: Name and SHA-256 of every estimator, by the name of its column.
         device: The kind of device that M3Depth runs on.
-        runtime: Name and version of the program that runs it.
+        runtime: What runs the networks, as recorded_runtime returns it.
     """
     pairs = chosen_pairs(dataset, options.limit)
     recorded = {text: RecordedPredictions.parse(text)[1] for text in options.predictions}
@@ -345,7 +345,7 @@ def device_kind(device: str, runtime: str | None) -> str:
 
     Args:
         device: The --device flag.
-        runtime: Name and version of the runtime, None for methods that have none.
+        runtime: What runs the networks, M3Depth's first, as recorded_runtime returns it.
     """
     from m3depth.network.device import chosen_device
 

@@ -28,7 +28,7 @@ class DrivenMethod:
     weights: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of the weights or the code of its driver and its perception by their names, where they have a file."""
     runtime: str | None = None
-    """Name and version of the program that ran M3Depth in its files; None where it did not run."""
+    """What ran the networks in its files, as recorded_runtime returns it; None where no network ran."""
 
 
 def in_track(track: str, method: Method) -> bool:
@@ -95,7 +95,7 @@ def fullest_runtime(runtimes: Iterable[str | None]) -> str | None:
     A record may leave out its last words: those of earlier versions lack device and precision.
 
     Args:
-        runtimes: Such as "openvino 2026.4.1" and "openvino 2026.4.1 cpu bf16", or None where M3Depth did not run.
+        runtimes: Such as "openvino 2026.4.1" and "openvino 2026.4.1 cpu bf16", or None where no network ran.
 
     Raises:
         ValueError: They are of two programs; the message names both.

@@ -54,7 +54,7 @@ class SuiteResults:
     weights: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of the weights or the code of drivers and perceptions by name."""
     runtime: str | None = None
-    """Name and version of the program that ran M3Depth; None where it did not run."""
+    """What ran the networks, as recorded_runtime returns it; None where no network ran."""
 
 
 def results_file(path: Path) -> Path:

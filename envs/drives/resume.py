@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from m3depth.estimator import EstimatorName
-from m3depth.runtimes.choice import recorded_runtime, same_runtime
+from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 
 WEIGHTS = "weights"  # key in the settings file: SHA-256 by the name of a perception or driver
 RUNTIME = "runtime"  # key in the settings file: what ran M3Depth, as recorded_runtime returns it
+OTHERS_RUNTIME = "others_runtime"  # key in the settings file: what ran other networks
+NOTES = (WEIGHTS, RUNTIME, OTHERS_RUNTIME)
+NETWORKS = {RUNTIME: "m3depth", OTHERS_RUNTIME: "other networks"}  # what a message calls them
 
 
 def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
@@ -46,10 +49,11 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
 
 
 def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> str | None:
-    """Check that M3Depth ran in the same runtime in the episodes of a claimed folder, and note that of today.
+    """Check that networks ran in the same runtime in the episodes of a claimed folder, and note that of today.
 
-    A folder of an earlier release has program and version alone. It keeps that record, as nobody knows on which device
-    and in which precision its first episodes were driven.
+    M3Depth is compared with M3Depth, and other networks with each other, as OpenVINO may run M3Depth alone. A folder of
+    an earlier release has program and version of M3Depth alone. It keeps that record, as nobody knows on which device
+    and in which precision its first episodes were driven. It has no record of other networks, and takes that of today.
 
     Args:
         folder: The evaluation's folder, claimed.
@@ -57,27 +61,29 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
         wanted: The runtime that the user asks for, as chosen_runtime takes it.
 
     Returns:
-        The record of the folder; None where M3Depth drove none of the episodes.
+        The record of the folder, as joined_runtimes returns it; None where no network drove the episodes.
 
     Raises:
-        DatasetError: M3Depth drove episodes in another program, version or precision, or on another kind of device; the
-            message names both. Or the folder's file of settings holds no such record.
+        DatasetError: Such a network drove episodes in another program, version or precision, or on another kind of
+            device; the message names both. Or the folder's file of settings holds no such record.
     """
-    previous = read_json(folder.mark_path).get(RUNTIME)
-    if not (previous is None or isinstance(previous, str)):
-        raise DatasetError(f"{folder.mark_path}: {RUNTIME} must be text, got {previous!r:.60}")
-    runtime = recorded_runtime(names, wanted)
-    if runtime is None:
-        return previous
-    if previous is not None:
-        if same_runtime(previous, runtime):
-            return previous
-        raise DatasetError(
-            f"{folder.mark_path}: m3depth drove these episodes in {previous}, not in {runtime}; choose another "
-            "--out or --runtime"
-        )
-    folder.note(**{RUNTIME: runtime})
-    return runtime
+    mark = read_json(folder.mark_path)
+    others = [name for name in names if is_other_network(name)]
+    records: dict[str, str | None] = {}
+    for key, of_key in ((RUNTIME, [name for name in names if name not in others]), (OTHERS_RUNTIME, others)):
+        previous = mark.get(key)
+        if not (previous is None or isinstance(previous, str)):
+            raise DatasetError(f"{folder.mark_path}: {key} must be text, got {previous!r:.60}")
+        runtime = recorded_runtime(of_key, wanted) if of_key else None
+        if previous is not None and runtime is not None and not same_runtime(previous, runtime):
+            flags = "--out or --runtime" if key == RUNTIME else "--out"
+            raise DatasetError(
+                f"{folder.mark_path}: {NETWORKS[key]} drove these episodes in {previous}, not in {runtime}; choose "
+                f"another {flags}"
+            )
+        records[key] = runtime if previous is None else previous
+    folder.note(**{key: record for key, record in records.items() if record is not None})
+    return joined_runtimes(records.values())
 
 
 def _digest(name: str) -> str | None:

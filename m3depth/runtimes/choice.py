@@ -1,7 +1,7 @@
-"""Which program runs M3Depth, PyTorch or OpenVINO, and what results record of it.
+"""Which program runs M3Depth, PyTorch or OpenVINO, and what results record of it and of the other networks.
 
 The same program gives other depths on a GPU than on the CPU, and in bf16 than in fp32, which it takes by itself. So
-results record these too. Importing this module loads neither program.
+results record these too. PyTorch runs the networks of other methods. Importing this module loads neither program.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from typing import Literal
 
 from m3depth.weights.config_json import kind_in_file
 
+_M3DEPTH = "m3depth"  # its name, and its kind in files of weights
 RuntimeName = Literal["pytorch", "openvino"]
 RuntimeChoice = Literal["auto", "pytorch", "openvino"]
 RUNTIMES: tuple[RuntimeChoice, ...] = ("auto", "pytorch", "openvino")
 PACKAGES: dict[RuntimeName, str] = {"pytorch": "torch", "openvino": "openvino"}  # by the name of the runtime
+AND = " + "  # between the runtimes of M3Depth and of other networks, where they differ
 
 
 def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
@@ -58,27 +60,54 @@ def openvino_is_installed() -> bool:
 
 
 def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "auto") -> str | None:
-    """Return what runs M3Depth, as results record it: "openvino 2026.4.1 cpu bf16".
+    """Return what runs the networks among some methods, as results record it: "openvino 2026.4.1 cpu bf16".
 
     These are the program's name and version, the kind of the device, and the precision of the convolutions.
 
     Args:
         names: Names of methods, as EstimatorName takes them, or others.
-        wanted: As chosen_runtime takes it.
+        wanted: As chosen_runtime takes it, for M3Depth.
         device: As chosen_runtime takes it.
 
     Returns:
-        The record; None where no name is that of M3Depth or of weights of it, other networks being PyTorch's always.
+        The record. Where PyTorch runs other networks beside M3Depth in OpenVINO, both records, as joined_runtimes
+        returns them. None where no name is that of M3Depth or of weights.
     """
-    if not any(_is_m3depth(name) for name in names):
-        return None
-    name = chosen_runtime(wanted, device)
-    return " ".join([name, version(PACKAGES[name]), *_device_and_precision(name, device)])
+    networks = [_network(name) for name in names]
+    runtimes: list[RuntimeName] = []
+    if _M3DEPTH in networks:
+        runtimes.append(chosen_runtime(wanted, device))
+    if any(network not in (None, _M3DEPTH) for network in networks):
+        runtimes.append("pytorch")
+    return joined_runtimes(
+        " ".join([name, version(PACKAGES[name]), *_device_and_precision(name, device)]) for name in runtimes
+    )
+
+
+def joined_runtimes(records: Iterable[str | None]) -> str | None:
+    """Return the records of M3Depth and of other networks as one; None if there is none.
+
+    Args:
+        records: That of M3Depth first, then that of other networks; None where such a network did not run.
+
+    Returns:
+        "openvino 2026.4.1 cpu bf16 + pytorch 2.9.1 cpu bf16", or one record alone where both are equal.
+    """
+    return AND.join(dict.fromkeys(filter(None, records))) or None
 
 
 def same_runtime(one: str, other: str) -> bool:
-    """Return whether two records may be of one runtime. Records of earlier releases lack device and precision."""
-    return all(a == b for a, b in zip(one.split(), other.split()))
+    """Return whether two records may be of one runtime.
+
+    Records of earlier releases lack device and precision, and what ran other networks beside M3Depth.
+    """
+    pairs = zip(one.split(AND), other.split(AND))
+    return all(a == b for first, second in pairs for a, b in zip(first.split(), second.split()))
+
+
+def is_other_network(name: str) -> bool:
+    """Return whether a name is that of weights of a network other than M3Depth, which PyTorch runs in any case."""
+    return _network(name) not in (None, _M3DEPTH)
 
 
 def _device_and_precision(name: RuntimeName, wanted: str) -> tuple[str, str]:
@@ -91,7 +120,9 @@ def _device_and_precision(name: RuntimeName, wanted: str) -> tuple[str, str]:
     return device.type, "fp32" if fast_dtype(device) is None else "bf16"
 
 
-def _is_m3depth(name: str) -> bool:
-    """Return whether a name is that of M3Depth, or of a file of its weights or one that cannot be read."""
+def _network(name: str) -> str | None:
+    """Return the kind of network that a name stands for, M3Depth where its file cannot be read; None for no network."""
     first, _, path = name.partition(":")
-    return first == "m3depth" and (not path or kind_in_file(Path(path)) in (None, "m3depth"))
+    if first != _M3DEPTH:
+        return None
+    return (kind_in_file(Path(path)) if path else None) or _M3DEPTH

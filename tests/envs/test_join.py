@@ -8,7 +8,7 @@ from recorded_drives import drive_bytes
 from envs.drives.config import EvaluateConfig
 from envs.evaluate import evaluate
 from envs.join import JoinConfig, join, main
-from marssim.base.files.json_file import DatasetError, as_json
+from marssim.base.files.json_file import DatasetError, as_json, read_json
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -150,6 +150,20 @@ def test_shards_of_two_programs_are_refused(shards, tmp_path, monkeypatch):
             join(JoinConfig(tuple(copies), tmp_path / "all"))
     changed(copies[1], "evaluate.json", runtime="openvino 1 cpu bf16")  # the other is of an earlier version
     assert join(JoinConfig(tuple(copies), tmp_path / "all"))["runtime"] == "openvino 1 cpu bf16"
+
+
+def test_shards_of_m3depth_and_of_another_network_may_be_of_two_programs(shards, tmp_path, monkeypatch):
+    monkeypatch.setattr("envs.join.write_results", lambda _, driven_by, __: (dict(driven_by), []))
+    copies = [shutil.copytree(shard, tmp_path / shard.name) for shard in shards]
+    changed(copies[0], "evaluate.json", runtime="openvino 1 cpu bf16")
+    changed(copies[1], "evaluate.json", others_runtime="pytorch 2 cpu bf16")
+    joined = join(JoinConfig(tuple(copies), tmp_path / "all"))
+    assert joined["runtime"] == "openvino 1 cpu bf16 + pytorch 2 cpu bf16"
+    assert read_json(tmp_path / "all" / "evaluate.json")["others_runtime"] == "pytorch 2 cpu bf16"
+    changed(copies[0], "evaluate.json", others_runtime="pytorch 3 cpu bf16")
+    message = "other networks ran in another program than in another shard .pytorch 2 cpu bf16 is not pytorch 3"
+    with pytest.raises(DatasetError, match=message):
+        join(JoinConfig(tuple(copies), tmp_path / "none"))
 
 
 def test_shards_of_other_settings_are_refused(shards, tmp_path):

@@ -11,12 +11,14 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from small_rivals import TINY
 
 from m3depth.estimator import CLASSICAL
 from m3depth.evaluate import EvaluateOptions, evaluate, main, named_estimators, prepare
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.report import FIGURES
 from m3depth.evaluation.resume import SavedState, SavedStateError
+from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.degradation import Degradation
@@ -346,6 +348,31 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     capsys.readouterr()
     assert main(arguments) == 2
     assert f"belongs to an unfinished evaluation with another {changed}; choose" in capsys.readouterr().err
+
+
+def test_a_stopped_evaluation_of_another_network_does_not_continue_in_another_precision(
+    folder, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
+    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    weights = tmp_path / "raft.safetensors"
+    new_network(TINY["raft-stereo"]).save_pretrained(weights)
+    out = tmp_path / "out"
+    arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--weights", str(weights)]
+    method = Stops(3, signal.SIGINT)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: torch.bfloat16)
+    assert main(arguments) == 130
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: None)
+    capsys.readouterr()
+    assert main(arguments) == 2
+    assert "belongs to an unfinished evaluation with another --runtime; choose" in capsys.readouterr().err
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: torch.bfloat16)
+    method = Stops(0, None)
+    assert main(arguments) == 0
+    results = json.loads((out / "results.json").read_text())
+    assert results["runtime"] == recorded_runtime([f"m3depth:{weights}"], device=results["device"])
+    assert results["runtime"].startswith("pytorch ") and results["runtime"].endswith(" bf16")
 
 
 def test_a_state_that_lacks_something_is_damaged(folder, tmp_path):

@@ -35,6 +35,11 @@ def test_the_schema_has_only_keywords_that_are_checked_and_describes_every_value
         assert set(part.get("required", ())) <= set(part.get("properties", {}))
 
 
+@pytest.mark.parametrize("record", [None, "pytorch 2.9.1+cpu cpu fp32", "openvino 1 cpu bf16 + pytorch 2 cpu bf16"])
+def test_the_runtime_names_one_program_or_two_or_none(record):
+    assert first_fault(record, results_schema()["properties"]["runtime"]) is None
+
+
 @pytest.mark.parametrize(
     "name", ["x\x9b2J", "a\u2028b", "a\u2029b", "x\u202eb", "a\u2066b", "a\u200fb", "a\u061cb", "a\nb", ""]
 )

@@ -6,9 +6,11 @@ from dataclasses import replace
 from importlib.metadata import version
 
 import pytest
+from small_rivals import TINY
 
-from envs.drives.resume import RUNTIME, WEIGHTS, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, WEIGHTS, noted_digests, noted_runtime
 from envs.evaluate import EvaluateConfig, evaluate
+from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
@@ -98,7 +100,7 @@ def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, 
 
 
 def test_drives_of_m3depth_in_one_runtime_are_not_mixed_with_those_in_another(file, tmp_path, monkeypatch):
-    folder = ResultFolder(tmp_path / "out", "evaluation", file.name, SETTINGS, notes=(WEIGHTS, RUNTIME))
+    folder = ResultFolder(tmp_path / "out", "evaluation", file.name, SETTINGS, notes=NOTES)
 
     def noted(perception):
         with folder.claim():
@@ -119,7 +121,7 @@ def test_drives_of_m3depth_in_one_runtime_are_not_mixed_with_those_in_another(fi
 
 
 def test_a_record_without_device_and_precision_goes_on_as_it_is(tmp_path, monkeypatch):
-    folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=(WEIGHTS, RUNTIME))
+    folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
     runtimes = iter(["openvino 1.0 cpu bf16", "openvino 1.1 cpu bf16", "openvino 1.0 cpu bf16"])
     monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_: next(runtimes))
     with folder.claim(runtime="openvino 1.0"):
@@ -129,3 +131,57 @@ def test_a_record_without_device_and_precision_goes_on_as_it_is(tmp_path, monkey
         folder.note(runtime=3)
         with pytest.raises(DatasetError, match=r"evaluate\.json: runtime must be text, got 3"):
             noted_runtime(folder, ("m3depth",), "auto")
+
+
+@pytest.fixture
+def fusion(tmp_path) -> str:
+    """The name of a network with M3Depth's depth, which PyTorch runs in any case."""
+    new_network(TINY["fusion"]).save_pretrained(tmp_path / "fusion.safetensors")
+    return f"m3depth:{tmp_path / 'fusion.safetensors'}"
+
+
+def test_drives_of_another_network_in_one_runtime_are_not_mixed_with_those_in_another(tmp_path, fusion, monkeypatch):
+    folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
+
+    def noted():
+        with folder.claim():
+            return noted_runtime(folder, (fusion, "sgbm"), "openvino")
+
+    pytorch = recorded_runtime([fusion])
+    assert noted() == noted() == pytorch and pytorch.startswith(f"pytorch {version('torch')} ")
+    mark = read_json(folder.mark_path)
+    program, device, precision = pytorch.rsplit(" ", 2)
+    for other in (f"pytorch 1.0 {device} {precision}", f"{program} gpu {precision}", f"{program} {device} fp8"):
+        monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_, other=other: other)
+        with pytest.raises(
+            DatasetError,
+            match=re.escape(f"other networks drove these episodes in {pytorch}, not in {other}; choose another --out"),
+        ):
+            noted()
+        assert read_json(folder.mark_path) == mark
+
+
+def test_m3depth_and_another_network_drive_in_two_programs_in_any_order(tmp_path, fusion, monkeypatch):
+    programs = {"m3depth": "openvino 1.0 cpu fp32", fusion: "pytorch 2.0 cpu fp32"}
+    monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda names, _: programs[names[0]])
+    for number, order in enumerate((["m3depth", fusion], [fusion, "m3depth"])):
+        folder = ResultFolder(tmp_path / str(number), "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
+        with folder.claim():
+            alone = [noted_runtime(folder, (name,), "auto") for name in order]
+            both = noted_runtime(folder, ("m3depth", fusion), "auto")
+        assert alone == [programs[order[0]], both] and both == "openvino 1.0 cpu fp32 + pytorch 2.0 cpu fp32"
+
+
+def test_a_folder_without_a_record_of_another_network_goes_on(tmp_path, fusion):
+    """An earlier release recorded M3Depth's runtime alone."""
+    folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
+    pytorch = recorded_runtime([fusion])
+    for runtime in (None, "openvino 1.0"):
+        with folder.claim():
+            folder.note(runtime=runtime, others_runtime=None)
+            assert noted_runtime(folder, (fusion,), "auto") == (f"{runtime} + {pytorch}" if runtime else pytorch)
+            assert read_json(folder.mark_path)["others_runtime"] == pytorch
+    with folder.claim():
+        folder.note(others_runtime=3)
+        with pytest.raises(DatasetError, match=r"evaluate\.json: others_runtime must be text, got 3"):
+            noted_runtime(folder, (fusion,), "auto")

@@ -9,9 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 import trimesh
 from scipy.spatial import cKDTree
+from small_rivals import TINY
 
+from m3depth.kinds.networks import new_network
 from m3depth.predict import main, predict
 from m3depth.prediction.files import read_cloud
 from m3depth.prediction.options import PredictOptions
@@ -79,6 +82,20 @@ def test_a_folder_is_continued_with_the_same_class_alone(folder, tmp_path):
     with pytest.raises(DatasetError, match="estimator"):
         predict(options(folder, tmp_path), Counted())
     assert Counted.calls == 0
+
+
+def test_a_folder_of_another_network_is_not_continued_in_another_precision(folder, tmp_path, monkeypatch):
+    new_network(TINY["raft-stereo"]).save_pretrained(tmp_path / "raft.safetensors")
+    out = tmp_path / "out"
+    flags = {"estimator": f"m3depth:{tmp_path / 'raft.safetensors'}", "write": ("depth",), "unchecked": True}
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: None)
+    predict(options(folder, out, **flags))
+    record = json.loads((out / "0/prediction.json").read_text())
+    assert record["runtime"].startswith("pytorch ") and record["runtime"].endswith(" fp32")
+    predict(options(folder, out, **flags))
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: torch.bfloat16)
+    with pytest.raises(DatasetError, match=r"runtime pytorch .* fp32, not pytorch .* bf16"):
+        predict(options(folder, out, **flags))
 
 
 def test_each_pair_has_a_folder_and_all_of_them_an_overview(folder, tmp_path, capsys):

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from small_rivals import TINY
 
 from m3depth.estimator import load_estimator
+from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
 from m3depth.predict import main as predict
-from m3depth.runtimes.choice import chosen_runtime, recorded_runtime, same_runtime
+from m3depth.runtimes.choice import chosen_runtime, joined_runtimes, recorded_runtime, same_runtime
 from marssim.base.files.png import encode_png
 
 
@@ -70,7 +72,46 @@ def test_results_record_what_ran_m3depth_where_and_how_precisely(monkeypatch, dt
         assert record == f"pytorch {version('torch')} {device} {precision}"
 
 
-def test_no_runtime_is_recorded_without_m3depth():
+@pytest.fixture(scope="module")
+def rivals(tmp_path_factory) -> dict[str, str]:
+    """The names of networks other than M3Depth, by their kind."""
+    folder = tmp_path_factory.mktemp("weights")
+    for kind, config in TINY.items():
+        new_network(config).save_pretrained(folder / f"{kind}.safetensors")
+    return {kind: f"m3depth:{folder / kind}.safetensors" for kind in TINY}
+
+
+@pytest.mark.parametrize("kind", TINY)
+@pytest.mark.parametrize(("dtype", "precision"), [(None, "fp32"), (torch.bfloat16, "bf16")])
+def test_results_record_what_ran_another_network(rivals, monkeypatch, kind, dtype, precision):
+    """OpenVINO, which is installed here and asked for, runs M3Depth alone."""
+    monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: dtype)
+    for device in ("cpu", "cuda"):
+        monkeypatch.setattr("m3depth.network.device.chosen_device", lambda _, device=device: torch.device(device))
+        for wanted in ("auto", "openvino"):
+            record = recorded_runtime(["sgbm", rivals[kind]], wanted)
+            assert record == f"pytorch {version('torch')} {device} {precision}"
+
+
+def test_m3depth_and_another_network_in_one_program_have_one_record(rivals):
+    assert recorded_runtime([rivals["fusion"], "m3depth"]) == recorded_runtime(["m3depth"])
+
+
+def test_both_programs_are_recorded_that_of_m3depth_first(rivals, monkeypatch):
+    monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
+    monkeypatch.setattr("m3depth.runtimes.choice.version", lambda package: f"1.{len(package)}")
+    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: None)
+    record = recorded_runtime([rivals["raft-stereo"], "m3depth"], device="cpu")
+    assert record == "openvino 1.8 cpu fp32 + pytorch 1.5 cpu fp32"
+
+
+def test_records_of_networks_that_did_not_run_are_left_out():
+    assert joined_runtimes(["openvino 1.0", None]) == joined_runtimes([None, "openvino 1.0"]) == "openvino 1.0"
+    assert joined_runtimes([None, None]) is None
+
+
+def test_no_runtime_is_recorded_without_a_network():
     assert recorded_runtime(["ground_truth", "sgbm", "my_stereo:m3depth"]) is None
 
 
@@ -85,3 +126,10 @@ def test_records_without_device_and_precision_are_compared_without_them():
     assert same_runtime("openvino 1.0 cpu bf16", "openvino 1.0") and same_runtime("openvino 1.0", "openvino 1.0")
     assert not same_runtime("openvino 1.0 cpu bf16", "openvino 1.1")
     assert not same_runtime("openvino 1.0 cpu bf16", "openvino 1.0 cpu fp32")
+
+
+def test_records_of_two_programs_are_compared_one_by_one():
+    both = "openvino 1.0 cpu bf16 + pytorch 2.0 cpu bf16"
+    assert same_runtime(both, "openvino 1.0") and same_runtime("openvino 1.0 + pytorch 2.0 cpu bf16", both)
+    assert not same_runtime(both, "openvino 1.0 cpu bf16 + pytorch 2.1 cpu bf16")
+    assert not same_runtime(both, "pytorch 2.0 cpu bf16")
