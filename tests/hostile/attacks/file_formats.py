@@ -190,7 +190,7 @@ def _results() -> bytes:
     episode = {
         "condition": condition, "course": 0, "driver": "straight", "perception": "ground_truth", "outcome": "stuck",
         "success": False, "spl": 0.0, "shortest": listed["shortest"], "path_length": 1.0, "distance": 19.5,
-        "start_distance": float(np.hypot(*np.subtract(listed["goal"], listed["start"][:2]))), "steps": 5, "looks": 5,
+        "start_distance": float(np.hypot(*np.subtract(listed["goal"], listed["start"][:2]))), "steps": 5, "looks": 6,
         "abs_rel": None, "blind": 0, "rocks": None, "rocks_missed": None, "false_obstacles": None,
         "near_ground": None, "near_ground_as_sky": None,
         "min_clearance": 0.5, "step_seconds": 0.1, "perception_seconds": 0.0, "code": "0",
