@@ -25,6 +25,7 @@ from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
+from envs.world.perception import GROUND_TRUTH
 from m3depth.runtimes.choice import joined_runtimes
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
@@ -90,8 +91,11 @@ def join(config: JoinConfig) -> dict[str, Any]:
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
         raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error})") from None
     if joined.with_true_pixels() != joined:
+        true = next(
+            f for f, c in zip(config.shards, contents, strict=True) if GROUND_TRUTH in c["config"]["perception"]
+        )
         raise DatasetError(
-            f"{first}: its evaluation has the true depth with {FAST_PIXELS} x {FAST_PIXELS} px, which is not compared "
+            f"{true}: its evaluation has the true depth with {FAST_PIXELS} x {FAST_PIXELS} px, which is not compared "
             f"with other perceptions; drive all of its shards with --ground-truth-pixels {AS_IMAGES}, for those of the "
             "images"
         )
