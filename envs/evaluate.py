@@ -32,7 +32,7 @@ from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import without_definitions, write_report
 from envs.drives.resume import NOTES, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
-from envs.drives.suite_drives import scene_check, suite_results, values_of, with_suite
+from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import MarsNavEnv
 from envs.recording.drive_page import drive_path, write_drive_pages
@@ -316,7 +316,7 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
         watch: Is called after the reset and after every step, as run_episode describes. None: prints the progress.
     """
     driver = make_driver(task.driver)
-    watch = scene_check(config, task.cell, task.episode, watch or _step_lines(config, task))
+    watch = episode_check(config, task.cell, task.episode, watch or _step_lines(config, task))
     perception = _perception(task.perception, config.runtime)
     env = MarsNavEnv(
         perception, known_dynamics(config.dynamics), config.renderer,

@@ -22,7 +22,7 @@ from envs.world.arguments import check_count, check_errors, check_flags, check_r
 from envs.world.eyes import EyesConfig
 from envs.world.gaze import Gaze
 from envs.world.odometry import Odometry
-from envs.world.perception import Perception, Sight
+from envs.world.perception import Perception, Sight, rng_of_perception
 from envs.world.referee import Referee
 from envs.world.reward import step_reward
 from envs.world.slip import SlipGauge
@@ -297,7 +297,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         ground = None if settings.slip is None else settings.slip.ground
         self.vehicle = make_vehicle(self.dynamics, course.scene, self.rover_spec, x, y, yaw, ground, self.vehicle)
         self.gaze.every, self.perception.eyes = settings.eyes.look_every, settings.eyes
-        self.perception.open(course.scene, np.random.default_rng(self.np_random.integers(2**63)))
+        self.perception.open(course.scene, rng_of_perception(self.np_random))
         self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
         self._gauge = SlipGauge(settings.slip, self.vehicle)

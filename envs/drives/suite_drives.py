@@ -69,8 +69,8 @@ def values_of(config: EvaluateConfig, cell: Cell) -> Mapping[str, Any]:
     return load_suite(config.suite).conditions[cell.condition]
 
 
-def scene_check(config: EvaluateConfig, cell: Cell, number: int, then: Watch) -> Watch:
-    """Return a Watch that compares the course with that of the suite after the reset, and calls `then`.
+def episode_check(config: EvaluateConfig, cell: Cell, number: int, then: Watch) -> Watch:
+    """Return a Watch that compares course and detectors with those of the suite after the reset, and calls `then`.
 
     It raises DatasetError if they differ. Without a suite it is `then`.
     """
@@ -80,8 +80,9 @@ def scene_check(config: EvaluateConfig, cell: Cell, number: int, then: Watch) ->
 
     def watch(env: MarsNavEnv, driver: Driver, step: int) -> None:
         if step == 0:
-            assert env.course is not None and cell.condition is not None
-            suite.check_scene(config.split, cell.condition, number, env.course)
+            sensor = env.perception.sensor
+            assert env.course is not None and sensor is not None and cell.condition is not None
+            suite.check_episode(config.split, cell.condition, number, env.course, sensor)
         then(env, driver, step)
 
     return watch

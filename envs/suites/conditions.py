@@ -25,7 +25,7 @@ CONDITIONS: dict[str, Values] = {
     "clear": {},
     "smooth_dust": {"texture_strength": 0.1, "albedo_contrast": 0.1, "pebbles": 0.0, "wind_ripples": 0.0},
     "low_sun": {"sun_elevation_deg": 8.0},
-    "into_sun": {"into_sun": True, "sun_elevation_deg": 12.0},
+    "into_sun": {"into_sun": True, "sun_elevation_deg": 12.0, "lens_glare": 0.3},
     "storm": {"optical_depth": 3.0},
     "dusty_lens": {"lens_dust": 0.4},
     "warm_rig": {"temperature": 50.0},

@@ -8,7 +8,8 @@ from typing import Any
 
 from envs.courses.course import series_seed
 from envs.suites.conditions import CONDITIONS, OF_EYES, Values
-from envs.suites.suite import FORMAT, build_course, episode_values
+from envs.suites.drawn_sensor import sensor_values
+from envs.suites.suite import FORMAT, build_course, build_sensor, course_values
 from envs.world.eyes import EyesConfig
 from marssim.base.version import RELEASE
 
@@ -53,9 +54,10 @@ def make_suite(
                 seen = {key: value for key, value in settings.items() if key not in OF_EYES}
                 key = json.dumps(seen, sort_keys=True)
                 if key not in drawn:
-                    drawn[key] = episode_values(build_course(seen, seed))
+                    drawn[key] = course_values(build_course(seen, seed))
                 episode = {"split": split, "condition": condition, "course": number, "seed": seed}
-                episodes.append(episode | drawn[key])
+                sensor = sensor_values(build_sensor(settings, seed))
+                episodes.append(episode | drawn[key] | {"sensor": sensor})
                 advance()
     return {
         "suite": name, "format": FORMAT, "made_with": RELEASE, "drive": dict(drive), "splits": dict(splits),

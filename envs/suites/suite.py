@@ -10,7 +10,8 @@ A suite is one JSON file:
     conditions    by name: the values under which it is driven (envs.suites.conditions)
     episodes      one for each split, condition and course: the seed of the scene, start [x m, y m, yaw rad], goal [x m,
                   y m], length of the shortest way [m], the two digests of the scene's ground and rocks
-                  (envs.suites.digest), and its look: sun, air and surface (envs.suites.drawn_look)
+                  (envs.suites.digest), its look: sun, air and surface (envs.suites.drawn_look), and its sensor: what is
+                  wrong with rig and lenses (envs.suites.drawn_sensor)
 
 suite.schema.json beside this file describes every value. Names become parts of file names and of pages, so they have
 letters, digits, "_", "." and "-" only.
@@ -33,10 +34,12 @@ from envs.courses.course import Course, CourseConfig, draw_course, series_seed
 from envs.suites.conditions import Values, under
 from envs.suites.digest import scene_digests
 from envs.suites.drawn_look import look_values, same_look
+from envs.suites.drawn_sensor import draw_sensor, same_sensor, sensor_values
 from envs.world.eyes import EyesConfig
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
 from marssim.base.rover_spec import ZHURONG
+from marssim.render.sensor import Sensor
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.scene import SceneConfig
 
@@ -71,20 +74,21 @@ class Suite:
         if split not in self.splits:
             raise ValueError(f"`split` {split!r} is unknown; suite {self.name} has {', '.join(self.splits)}")
 
-    def check_scene(self, split: str, condition: str, number: int, course: Course) -> None:
-        """Compare a course that the simulator built with that of the suite.
+    def check_episode(self, split: str, condition: str, number: int, course: Course, sensor: Sensor) -> None:
+        """Compare an episode that the simulator built with that of the suite.
 
         Args:
             split: Name of the split.
             condition: Name of the condition.
             number: Number of the course.
             course: The course that was built.
+            sensor: The detectors that were drawn.
 
         Raises:
             DatasetError: They differ. One line that says in what.
         """
         episode = self.episodes[split, condition, number]
-        built = episode_values(course)
+        built = course_values(course) | {"sensor": sensor_values(sensor)}
         if differing := [name for name in built if not _same(name, built, episode)]:
             raise DatasetError(
                 f"suite {self.name}: this simulator builds another course {number} of {split}, {condition} "
@@ -135,7 +139,18 @@ def build_course(values: Values, seed: int) -> Course:
     return draw_course(scene, config, ZHURONG, np.random.default_rng(seed))
 
 
-def episode_values(course: Course) -> dict[str, Any]:
+def build_sensor(values: Values, seed: int) -> Sensor:
+    """Draw the detectors of an episode.
+
+    Args:
+        values: Of the condition.
+        seed: Of the scene.
+    """
+    _, _, eyes = _settings_under(values)
+    return draw_sensor(eyes, seed)
+
+
+def course_values(course: Course) -> dict[str, Any]:
     """Return what a suite holds of a course: start, goal, shortest, scene and look."""
     return {
         "start": [round(float(value), 3) for value in course.start],
@@ -156,6 +171,8 @@ def _same(name: str, built: Mapping[str, Any], episode: Mapping[str, Any]) -> bo
         return any(a == b for a, b in zip(built["scene"], episode["scene"], strict=True))
     if name == "look":
         return same_look(built["look"], episode["look"])
+    if name == "sensor":
+        return same_sensor(built["sensor"], episode["sensor"])
     most = SAME_WAY if name == "shortest" else SAME_PLACE
     return bool(np.abs(np.subtract(built[name], episode[name])).max() <= most)
 

@@ -14,6 +14,7 @@ EYES_LIMITS = {
     "image_pixels": (64, 2048, " px"),
     "ground_truth_pixels": (64, 2048, " px"),
     "lens_dust": (0, 0.8, ""),
+    "lens_glare": (0, 1, ""),
     "temperature": (-MOST_KELVIN, MOST_KELVIN, " K"),
     "jpeg_quality": (1, LOSSLESS, ""),
     "look_every": (0, 100, " m"),
@@ -36,6 +37,9 @@ class EyesConfig:
     lens_dust: float = 0.0
     """Share of the light that dust on the windows of the cameras takes away, 0 to 0.8. Each camera has specks of its
     own, which stay for the drive, and a veil."""
+    lens_glare: float = 0.0
+    """Share of the sunlight on the lenses that they scatter into the images, 0 to 1: a veil while the sun stands before
+    the cameras, also outside their view."""
     temperature: float = 0.0
     """How much warmer the cameras are than when they were calibrated [K], -100 to 100: their rig bends. At 50 K the
     rows of the images are 0.7 px apart and the eyes converge by 0.5 px, at 512 px, and the right one is 10 percent
@@ -73,5 +77,7 @@ class EyesConfig:
 
     def sensor(self) -> SensorConfig:
         """Return the ranges from which a drive draws its two detectors."""
-        sensor = SensorConfig(dust=(self.lens_dust,) * 2, jpeg_quality=(self.jpeg_quality,) * 2)
+        sensor = SensorConfig(
+            dust=(self.lens_dust,) * 2, jpeg_quality=(self.jpeg_quality,) * 2, sun_glare=(self.lens_glare,) * 2
+        )
         return at_temperature(sensor, self.temperature, self.rig)

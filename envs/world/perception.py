@@ -83,12 +83,22 @@ def perception_digest(perception: str) -> str | None:
     return None if perception == GROUND_TRUTH else EstimatorName.parse(perception).digest()
 
 
+def rng_of_perception(rng: np.random.Generator) -> np.random.Generator:
+    """Return the generator that a drive's detectors and their noise are drawn from.
+
+    Args:
+        rng: Generator of the episode, from which one number is drawn.
+    """
+    return np.random.default_rng(rng.integers(2**63))
+
+
 class Perception:
     """Looks at one scene after the other.
 
     Attributes:
         renderer_name: Name of the renderer.
         renderer: The renderer of the open scene, or None.
+        sensor: The detectors of the open scene, or None.
         eyes: The settings of the cameras; others may be set before `open`.
         estimator: The estimator; None for ground truth.
         disparity_noise: Standard deviation of an error added to the perceived disparity [px of a 512 px image].
@@ -122,6 +132,7 @@ class Perception:
         self.disparity_noise = float(disparity_noise)
         self.align_rows = align_rows
         self.renderer: Renderer | None = None
+        self.sensor: Sensor | None = None
         self._scene: Scene | None = None
         self._shader: Shader | None = None
 
@@ -137,7 +148,7 @@ class Perception:
             self.renderer = make_renderer(self.renderer_name, scene)
             self._scene, self._shader = scene, None  # true depth needs no shading
         self._rng = rng
-        self._sensor = Sensor.draw(self.eyes.sensor(), rng)
+        self.sensor = Sensor.draw(self.eyes.sensor(), rng)
         self._noise = np.random.default_rng(rng.integers(2**63)) if self.disparity_noise else rng
 
     def look(self, pose: np.ndarray, pan: float) -> Sight:
@@ -191,15 +202,15 @@ class Perception:
 
     def picture(self, pose: np.ndarray) -> StereoFrame:
         """Return the StereoFrame from a pose, as the cameras take it."""
-        if self.renderer is None or self._scene is None:
+        if self.renderer is None or self._scene is None or self.sensor is None:
             raise RuntimeError("open a scene before looking")
         self._shader = self._shader or Shader(self._scene)
         return render_stereo(
-            self.renderer, self._shader, self.rig, pose, self._sensor, self._rng, at_once=several_threads()
+            self.renderer, self._shader, self.rig, pose, self.sensor, self._rng, at_once=several_threads()
         )
 
     def close(self) -> None:
         """Free the renderer and forget the scene; may be called twice."""
         if self.renderer is not None:
             self.renderer.close()
-        self.renderer = self._scene = self._shader = None
+        self.renderer = self.sensor = self._scene = self._shader = None

@@ -30,7 +30,7 @@ ALWAYS = (
 # A pair has each of these with the chance fault_chance. New ones come last, so that the others keep their draws.
 FAULTS = (
     "horizontal_offset", "dust", "motion_blur", "glare", "overexposure", "bleeding", "smear", "stretch", "jpeg_quality",
-    "hot_pixels",
+    "hot_pixels", "sun_glare",
 )  # fmt: skip
 ABSENT = {**dict.fromkeys(FAULTS, 0.0), "jpeg_quality": LOSSLESS}  # values of a pair without the fault
 OF_FAULTS = ("motion_direction_deg", "stretch_alone")  # values that only matter with a fault
@@ -77,6 +77,9 @@ class SensorConfig:
     glare: Range = (0.0, 0.0)
     """Share of the light that the lenses scatter around where it belongs, LOW HIGH, 0 to 1: bright regions get a halo,
     and shadows lose contrast."""
+    sun_glare: Range = (0.0, 0.0)
+    """Share of the sunlight on the lenses that they scatter, LOW HIGH, 0 to 1: with the sun before the camera, also
+    outside its view, the images get a veil that is brighter towards the sun."""
     overexposure: Range = (0.0, 0.0)
     """How much longer the exposure is than the light asks for [stops], LOW HIGH, -6 to 6; negative values darken the
     images."""
@@ -100,16 +103,16 @@ class SensorConfig:
     compression."""
     fault_chance: Range = (1.0, 1.0)
     """Chance with which a pair has each of the faults, LOW HIGH, 0 to 1: horizontal offset, dust, motion blur, glare,
-    overexposure, bleeding, smear, hot pixels, stretch and JPEG. Each is drawn for itself."""
+    overexposure, bleeding, smear, hot pixels, stretch, JPEG and glare of the sun. Each is drawn for itself."""
 
     def __post_init__(self) -> None:
         limits = {
             "exposure": (0.02, 0.98), "psf": (0, 2), "full_well": (10, 1e7), "read_noise": (0, 1e5),
             "vignetting": (0, 1), "gain_difference": (-0.9, 9), "noise_difference": (-0.9, 9),
             "vertical_offset": (-10, 10), "rotation_deg": (-5, 5), "horizontal_offset": (-10, 10), "dust": (0, 0.8),
-            "motion_blur": (0, 50), "motion_direction_deg": (-360, 360), "glare": (0, 1), "overexposure": (-6, 6),
-            "bleeding": (0, 1), "smear": (0, 1), "hot_pixels": (0, 1e5), "stretch": (0, 0.2), "stretch_alone": (0, 1),
-            "jpeg_quality": (1, LOSSLESS), "fault_chance": (0, 1),
+            "motion_blur": (0, 50), "motion_direction_deg": (-360, 360), "glare": (0, 1), "sun_glare": (0, 1),
+            "overexposure": (-6, 6), "bleeding": (0, 1), "smear": (0, 1), "hot_pixels": (0, 1e5), "stretch": (0, 0.2),
+            "stretch_alone": (0, 1), "jpeg_quality": (1, LOSSLESS), "fault_chance": (0, 1),
         }  # fmt: skip
         check_ranges(self, limits)
 
@@ -133,6 +136,7 @@ class Sensor:
         motion_blur: How far both images move during the exposure [px].
         motion_direction_deg: Direction of that motion [deg], clockwise from the rows.
         glare: Share of the light that the lenses scatter.
+        sun_glare: Share of the sunlight on the lenses that they scatter.
         overexposure: How much longer the exposure is than the light asks for [stops].
         bleeding: Share of the charge beyond full scale that spills into its column.
         smear: Time of a CCD's frame transfer as a share of the exposure.
@@ -158,6 +162,7 @@ class Sensor:
     motion_blur: float = 0.0
     motion_direction_deg: float = 0.0
     glare: float = 0.0
+    sun_glare: float = 0.0
     overexposure: float = 0.0
     bleeding: float = 0.0
     smear: float = 0.0

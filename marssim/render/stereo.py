@@ -20,6 +20,7 @@ from marssim.render.own_rover.renderer import WithRover
 from marssim.render.penumbra import penumbra
 from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
+from marssim.render.sun_glare import sun_glare
 from marssim.render.surfaces.shading import Shader
 
 SHADED = np.zeros((0, 0, 0), dtype=np.float32)  # in place of what only shading needs of a view, which takes much memory
@@ -58,6 +59,8 @@ def render_stereo(
     def seen(pose: np.ndarray) -> tuple[GBuffer, np.ndarray]:
         view = renderer.render(rig.camera, pose, footprint)
         colour = radiance(renderer, shader, rig.camera, pose, view, footprint)
+        if sensor.sun_glare > 0:
+            colour += sun_glare(renderer, shader.light, rig.camera, pose, sensor.sun_glare)
         return replace(view, shading_normal=SHADED, detail=SHADED), colour
 
     (left_view, left), (right_view, right) = (

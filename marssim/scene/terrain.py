@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy import fft, ndimage
 
@@ -245,10 +244,31 @@ def _relief(
     coarse, fine = draw(far_x, True), draw(x, False)
     if window is None:
         coarse += long_waves(far_x, fft.next_fast_len(len(far_x), real=True) * COARSE_CELL, config.hurst, slope, rng)
-    at = ((x - far_x[0]) / COARSE_CELL).astype(np.float32)
-    column, row = np.meshgrid(at, at)
-    fine += cv2.remap(coarse.astype(np.float32), column, row, cv2.INTER_CUBIC)
+    fine += _sampled(coarse, (x - far_x[0]) / COARSE_CELL)
     if window is not None:
         fine += window.sample(x, x)
         coarse += window.sample(far_x, far_x)
     return fine, coarse
+
+
+def _sampled(heights: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return a square grid of heights [m] at finer rows and columns, by cubic convolution (Keys 1981, a = -0.75).
+
+    Only additions and multiplications of float64 in a fixed order: every processor gives the same bits. A library that
+    chooses its instructions by the processor gave others, and so other scenes.
+
+    Args:
+        heights: (N, N) [m].
+        at: (M,) rows and columns to sample, 0 to N - 1. Beyond its edge, the grid continues at the edge's height.
+
+    Returns:
+        (M, M) [m].
+    """
+    first = np.floor(at).astype(np.int64)
+    t = at - first
+    near, far = 1.25 * t**3 - 2.25 * t**2 + 1, -0.75 * (t**3 - 2 * t**2 + t)
+    u = 1 - t
+    weights = [far, near, 1.25 * u**3 - 2.25 * u**2 + 1, -0.75 * (u**3 - 2 * u**2 + u)]  # of four nodes from first - 1
+    nodes = [np.clip(first + k, 0, len(heights) - 1) for k in (-1, 0, 1, 2)]
+    rows = sum(weight[:, None] * heights[node] for weight, node in zip(weights, nodes))
+    return np.asarray(sum(weight * rows[:, node] for weight, node in zip(weights, nodes)))

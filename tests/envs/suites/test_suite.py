@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.suites.making import make_suite, suite_conditions
-from envs.suites.suite import build_course, episode_values, load_suite
+from envs.suites.suite import build_course, build_sensor, course_values, load_suite
 from marssim.base.files.json_file import DatasetError
 
 
@@ -26,29 +26,38 @@ def test_a_suite_names_every_episode(suite):
     assert episode["shortest"] >= 2.99
 
 
+def check(suite, number=0, condition="clear", seed_of=0, **changes):
+    """Compare what the simulator builds from the seed of a dev course, under changed values, with an episode."""
+    seed = suite.episodes["dev", condition, seed_of]["seed"]
+    values = {**suite.conditions[condition], **changes}
+    course, sensor = build_course(values, seed), build_sensor(values, seed)
+    suite.check_episode("dev", condition, number, course, sensor)
+    return course
+
+
 def test_the_course_of_an_episode_is_that_of_the_suite(suite):
-    course = build_course(suite.conditions["clear"], suite.episodes["dev", "clear", 1]["seed"])
-    suite.check_scene("dev", "clear", 1, course)
+    course = check(suite, 1, seed_of=1)
     with pytest.raises(
-        DatasetError, match=r"builds another course 0 of dev, clear .start, goal, shortest, scene, look differ"
+        DatasetError,
+        match=r"builds another course 0 of dev, clear .start, goal, shortest, scene, look, sensor differ",
     ):
-        suite.check_scene("dev", "clear", 0, course)
-    assert episode_values(course)["scene"] == suite.episodes["dev", "rare_looks", 1]["scene"]
+        check(suite, 0, seed_of=1)
+    assert course_values(course)["scene"] == suite.episodes["dev", "rare_looks", 1]["scene"]
 
 
 def test_a_simulator_that_builds_another_scene_is_noticed(suite):
-    values = {**suite.conditions["clear"], "k": 0.05}
-    course = build_course(values, suite.episodes["dev", "clear", 0]["seed"])
     with pytest.raises(DatasetError, match=r"^suite small-v1: .*scene differ.*; drive it with release "):
-        suite.check_scene("dev", "clear", 0, course)
+        check(suite, k=0.05)
 
 
 def test_a_simulator_that_draws_another_light_is_noticed(suite):
-    course = build_course(
-        {**suite.conditions["clear"], "optical_depth": 2.0}, suite.episodes["dev", "clear", 0]["seed"]
-    )
     with pytest.raises(DatasetError, match=r"another course 0 of dev, clear \(look differ\); drive it with release "):
-        suite.check_scene("dev", "clear", 0, course)
+        check(suite, optical_depth=2.0)
+
+
+def test_a_simulator_that_draws_other_lenses_is_noticed(suite):
+    with pytest.raises(DatasetError, match=r"another course 0 of dev, clear \(sensor differ\); drive it with release "):
+        check(suite, lens_dust=0.1)
 
 
 def test_a_suite_is_made_the_same_again(suite, small_suite):
@@ -65,7 +74,8 @@ def test_the_suite_of_the_package_is_that_of_its_conditions_and_builds_its_scene
     }  # fmt: skip
     for condition, course in (("storm", 0), ("ditch", 1), ("into_sun", 0)):
         seed = suite.episodes["dev", condition, course]["seed"]
-        suite.check_scene("dev", condition, course, build_course(suite.conditions[condition], seed))
+        values = suite.conditions[condition]
+        suite.check_episode("dev", condition, course, build_course(values, seed), build_sensor(values, seed))
 
 
 def test_true_depth_has_the_pixels_of_the_eyes():
@@ -99,6 +109,7 @@ def test_true_depth_has_the_pixels_of_the_eyes():
         (lambda c: c["episodes"][0].update(seed=7), r"episodes\[0\].seed must be \d+, as follows from .* dev, got 7"),
         (lambda c: c["episodes"][1].update(split="a"), r"episodes\[1\] is of a, rare_looks, which the file does not"),
         (lambda c: c["episodes"][2]["look"].pop("texture_seed"), r"episodes\[2\].look has no texture_seed"),
+        (lambda c: c["episodes"][1]["sensor"].pop("seed"), r"episodes\[1\].sensor has no seed"),
         (lambda c: c["episodes"][3].update(course=[1]), r"episodes\[3\].course must be of type integer"),
         (lambda c: c["episodes"][3].update(goal=[1]), r"episodes\[3\].goal must have 2 items, got 1"),
         (lambda c: c["splits"].update(dev=3), "splits.dev must be of type object, got 3"),

@@ -18,8 +18,8 @@ def test_fewer_pixels_show_the_same_view():
 
 
 def test_faults_reach_the_detectors():
-    sensor = EyesConfig(lens_dust=0.3, jpeg_quality=40.0, temperature=50.0).sensor()
-    assert sensor.dust == (0.3, 0.3) and sensor.jpeg_quality == (40.0, 40.0)
+    sensor = EyesConfig(lens_dust=0.3, lens_glare=0.2, jpeg_quality=40.0, temperature=50.0).sensor()
+    assert sensor.dust == (0.3, 0.3) and sensor.sun_glare == (0.2, 0.2) and sensor.jpeg_quality == (40.0, 40.0)
     assert sensor.vertical_offset[0] == pytest.approx(-0.15 + 0.7, rel=1e-3)
 
 
@@ -27,7 +27,7 @@ def test_faults_reach_the_detectors():
     ("name", "value"),
     [
         ("image_pixels", 63), ("image_pixels", 300), ("ground_truth_pixels", 96),
-        ("image_pixels", 256.0), ("lens_dust", 0.9), ("temperature", float("nan")),
+        ("image_pixels", 256.0), ("lens_dust", 0.9), ("lens_glare", 1.1), ("temperature", float("nan")),
         ("jpeg_quality", 0), ("look_every", -1.0), ("look_every", True), ("ground_truth_pixels", 4096),
         ("ground_truth_pixels", False),
     ],

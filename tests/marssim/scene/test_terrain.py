@@ -1,10 +1,11 @@
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.scene.presets import PRESETS, preset
-from marssim.scene.terrain import HeightGrid, ReliefConfig, build_terrain
+from marssim.scene.terrain import HeightGrid, ReliefConfig, _sampled, build_terrain
 
 SMOOTH = {"crater_density": 0.0, "ripple_amplitude": 0.0}
 
@@ -185,3 +186,11 @@ def test_sides_become_even_metres_and_the_cell_a_whole_part_of_them():
     terrain = build_terrain(ReliefConfig(), size=7.0, cell=0.3, horizon=15.2, rng=np.random.default_rng(0))
     assert terrain.fine.bounds == pytest.approx((-4, -4, 4, 4)) and terrain.fine.cell == pytest.approx(8 / 27)
     assert terrain.coarse.bounds == (-16, -16, 16, 16)
+
+
+def test_sampling_is_cubic_convolution_as_opencv_computes_it():
+    heights, at = np.random.default_rng(0).standard_normal((12, 12)), np.linspace(0, 11, 89)
+    column, row = np.meshgrid(at.astype(np.float32), at.astype(np.float32))
+    expected = cv2.remap(heights.astype(np.float32), column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    assert np.allclose(_sampled(heights, at), expected, atol=1e-5)
+    assert np.array_equal(_sampled(heights, np.arange(12.0)), heights)
