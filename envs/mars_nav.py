@@ -170,7 +170,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     `condition`: the name of a condition, as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values. They
     replace those of the other arguments, and are the defaults of the options of `reset`. Of a tuple of conditions, as
-    `condition=("clear", "storm")`, each scene draws one.
+    `condition=("clear", "storm")`, each scene draws one, and of a range, as `{"optical_depth": (1, 3)}`, its strength.
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
     of obstacles within 2.5 m (envs.courses.kept_scene). A reset with a seed or with options makes a new scene. A kept

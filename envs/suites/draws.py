@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.courses.course import LIMITS, CourseConfig
+from envs.suites.condition_ranges import ConditionRanges, range_ends
 from envs.suites.conditions import Values, condition_values, course_under, under
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig, known_slip
@@ -92,7 +93,8 @@ class EpisodeDraws:
             numbers: Properties of a course, by their names in LIMITS: each a number, or the two ends of the range from
                 which it is drawn evenly.
             slip: How the wheels slip, or several such settings, one of which is drawn.
-            condition: The condition, None for none, or several conditions, one of which is drawn.
+            condition: The condition, None for none, or several conditions, one of which is drawn. Values of a condition
+                may be the two ends of a range, from which they are drawn.
 
         Raises:
             ValueError: A value is unknown or out of its range, or does not go with one of the conditions. One line that
@@ -100,31 +102,35 @@ class EpisodeDraws:
         """
         if not isinstance(eyes, EyesConfig):
             raise ValueError(f"eyes must be an EyesConfig of envs.world.eyes, got {eyes!r:.60}")
-        ranges = {name: _ends(name, value) for name, value in numbers.items() if isinstance(value, tuple | list)}
+        ranges = {name: range_ends(name, value) for name, value in numbers.items() if isinstance(value, tuple | list)}
         self._ranges: dict[str, Any] = ranges
         self._fixed: dict[str, Any] = {name: value for name, value in numbers.items() if name not in ranges}
         self._slips = [known_slip(each) for each in _choices("slip", slip)]
-        self._conditions = [{} if condition is None else each for each in _choices("condition", condition)]
-        self._drawn = (
-            *self._ranges,
-            *(name for name, value in (("slip", slip), ("condition", condition)) if isinstance(value, tuple | list)),
-        )
+        self._conditions = [ConditionRanges({} if condition is None else c) for c in _choices("condition", condition)]
+        drawn = {
+            "slip": isinstance(slip, tuple | list),
+            "condition": isinstance(condition, tuple | list) or not all(each.fixed for each in self._conditions),
+        }
+        self._drawn = (*self._ranges, *(name for name, is_drawn in drawn.items() if is_drawn))
         ends: list[dict[str, Any]] = [{name: each[end] for name, each in ranges.items()} for end in (0, 1)]
         least, most = (CourseConfig(**self._fixed, **end) for end in ends)
         for name, (low, high) in ranges.items():
             if low > high:
                 raise ValueError(f"{name} must have the lower end of its range first, got {numbers[name]!r}")
-        self._places = [under(each, scene, least, eyes) for each in self._conditions]
         for each in self._conditions:
-            course_under(condition_values(each), most)
+            for condition in each.ends:
+                under(condition, scene, least, eyes)
+                course_under(condition_values(condition), most)
+            each.check_order()
+        self._scene, self._eyes = scene, eyes
 
     def draw(self, rng: np.random.Generator) -> EpisodeSettings:
         """Return the settings of the next episode. Where nothing is to be drawn, rng is not used."""
         numbers: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in self._ranges.items()}
         slip = self._slips[_number(rng, len(self._slips))]
-        chosen = _number(rng, len(self._conditions))
-        condition, (scene, _, eyes) = self._conditions[chosen], self._places[chosen]
-        course = course_under(condition_values(condition), CourseConfig(**self._fixed, **numbers))
+        condition = self._conditions[_number(rng, len(self._conditions))].draw(rng)
+        course = CourseConfig(**self._fixed, **numbers)
+        scene, course, eyes = under(condition, self._scene, course, self._eyes)
         return EpisodeSettings(scene, course, eyes, slip, condition, self._drawn)
 
 
@@ -138,14 +144,6 @@ def stream_of_draws(seed: int) -> np.random.Generator:
         seed: The environment's np_random_seed; below 0 where np_random was set without one.
     """
     return np.random.default_rng((max(seed, 0), STREAM))
-
-
-def _ends(name: str, value: Any) -> tuple[float, float]:
-    """Return the two ends of a range."""
-    if len(value) != 2 or None in value:
-        raise ValueError(f"{name} must be a number or the two ends of a range, got {value!r}")
-    low, high = value
-    return low, high
 
 
 def _choices(name: str, value: Any) -> list[Any]:

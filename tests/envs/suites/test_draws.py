@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,21 @@ def test_numbers_come_from_their_ranges_and_all_choices_come_up():
         assert each.course.goal_distance == 9.0 and each.info()["drawn"]["k"] == each.course.k
         assert (each.scene.look.optical_depth == (3.0, 3.0)) == (each.condition == "storm")
         assert each.eyes.look_every == (0 if isinstance(each.condition, str) else 2.0)
+
+
+def test_the_strength_of_a_condition_comes_from_its_range():
+    source = draws(condition={"optical_depth": (1, 3), "lens_dust": [0.1, 0.4], "look_every": 2.0})
+    rng = stream_of_draws(2)
+    drawn = [source.draw(rng) for _ in range(40)]
+    depths = np.array([each.scene.look.optical_depth for each in drawn])
+    dust = np.array([each.eyes.lens_dust for each in drawn])
+    assert (depths[:, 0] == depths[:, 1]).all() and 1 <= depths.min() < 1.4 and 2.6 < depths.max() <= 3
+    assert 0.1 <= dust.min() < 0.16 and 0.34 < dust.max() <= 0.4
+    for each in drawn:
+        values = json.loads(each.info()["drawn"]["condition"])
+        assert values == {
+            "optical_depth": each.scene.look.optical_depth[0], "lens_dust": each.eyes.lens_dust, "look_every": 2.0,
+        }  # fmt: skip
 
 
 def test_draws_follow_from_the_seed():
@@ -80,6 +97,12 @@ def test_a_condition_and_then_options_replace_what_was_drawn():
             {"condition": ("clear", "ditch"), "goal_distance": (5, 20)},
             "^ditch needs a goal_distance of 12 m or more, got 5$",
         ),
+        ({"condition": {"optical_depth": (3, 1)}}, r"^optical_depth must have the lower end .*got \(3, 1\)$"),
+        ({"condition": {"optical_depth": (1, 20)}}, "^optical_depth must be a range LOW HIGH within 0 and 12"),
+        ({"condition": {"optical_depth": ("a", 2)}}, "^optical_depth must be a number, got 'a'"),
+        ({"condition": {"lens_dust": (0.1,)}}, r"^lens_dust must be a number or the two ends of a range"),
+        ({"condition": {"image_pixels": (128, 256)}}, r"^image_pixels must be one value in a condition, not a range"),
+        ({"condition": {"goal_distance": (2, 9)}}, r"^goal_distance must lie in .*got 2"),
         ({"condition": ("clear", {"k": 2})}, r"^k must lie in \[0, 0.4\], got 2$"),
     ],
 )  # fmt: skip
