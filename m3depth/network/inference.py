@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -53,19 +53,26 @@ def infer_pair(
         raise ValueError(f"nearest must be positive, got {nearest}")
     if max_pixels is not None and not max_pixels > 0:
         raise ValueError(f"max_pixels must be positive, got {max_pixels}")
-    left, right = map(in_colour, checked_pair(left, right, rig))
-    height, width = left.shape[:2]
+    pair = [in_colour(image) for image in checked_pair(left, right, rig)]
     nearest = NEAREST if nearest is None else nearest
     out: Any = None
     for rows, columns in working_sizes(rig, reach, nearest, max_pixels, goes_on):
-        work, pair = rig, [left, right]
-        if (rows, columns) != (height, width):
-            work = rig.resized(columns, rows)
-            pair = [np.asarray(cv2.resize(x, (columns, rows), interpolation=cv2.INTER_AREA)) for x in pair]
-        images = torch.from_numpy(np.stack(pair)).to(device).permute(0, 3, 1, 2).float() / 255
-        start = None if out is None else out.start(rows, columns)
-        out = forward(images[:1], images[1:], camera_row(work, device), start)
+        out = _run_at_size(forward, device, pair, rig, rows, columns, out)
     return prediction_of(out, rig)
+
+
+def _run_at_size(
+    forward: Forward, device: torch.device, pair: Sequence[np.ndarray], rig: StereoRig, rows: int, columns: int,
+    coarse: Any,
+) -> Any:  # fmt: skip
+    """Return the maps of a pair at one of its working sizes; coarse: those of the size before, None at the first."""
+    work = rig
+    if (rows, columns) != pair[0].shape[:2]:
+        work = rig.resized(columns, rows)
+        pair = [np.asarray(cv2.resize(x, (columns, rows), interpolation=cv2.INTER_AREA)) for x in pair]
+    images = torch.from_numpy(np.stack(pair)).to(device).permute(0, 3, 1, 2).float().div_(255)
+    start = None if coarse is None else coarse.start(rows, columns)
+    return forward(images[:1], images[1:], camera_row(work, device), start)
 
 
 def working_sizes(
@@ -101,30 +108,40 @@ def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
             map of the sky, the sky is where the disparity ends.
         rig: The cameras of the pair.
     """
-    height, width, device = rig.camera.height, rig.camera.width, out.disparity.device
-    normal = torch.zeros_like(out.disparity).expand(-1, 3, -1, -1) if out.normal is None else out.normal
-    certain = torch.ones_like(out.disparity) if out.confidence is None else out.confidence.sigmoid()
-    sky_logit = torch.full_like(out.disparity, -1.0) if out.sky is None else out.sky
-    maps = torch.cat([out.disparity, normal, certain, sky_logit], 1).float()  # (1, 6, h, w)
-    if maps.shape[-2:] != (height, width):
-        maps[:, 0] *= width / maps.shape[-1]
-        maps = F.interpolate(maps, (height, width), mode="bilinear")
-        # interpolation may turn a normal away from the camera
-        rays = pixel_rays(camera_row(rig, device), height, width)
-        maps[:, 1:4] = by_rows(facing_normals, maps[:, 1:4], rays)
-    known = maps[0].isfinite().all(0)
-    candidates = known & ((maps[0, 5] > 0) | (maps[0, 0] < MIN_DISPARITY))
-    candidate_map, disparity_map, confidence_map = (x.cpu().numpy() for x in (candidates, maps[0, 0], maps[0, 4]))
-    sky = torch.from_numpy(possible_sky(candidate_map, disparity_map, confidence_map, rig.camera)).to(device)
-    known &= sky | (maps[0, 0] >= MIN_DISPARITY)  # where no sky can be, nothing is as far
-    disparity = torch.where(sky, torch.zeros_like(maps[0, 0]), maps[0, 0])
-    disparity = torch.where(known, disparity, torch.full_like(disparity, torch.nan))
+    size = rig.camera.height, rig.camera.width
+    disparity, normal, certain, sky_logit = (
+        None if x is None else x.float() for x in (out.disparity, out.normal, out.confidence, out.sky)
+    )
+    assert disparity is not None
+    certain = torch.ones_like(disparity) if certain is None else certain.sigmoid()
+    if disparity.shape[-2:] != size:
+        factor = size[1] / disparity.shape[-1]
+        disparity, normal, certain, sky_logit = (
+            None if x is None else F.interpolate(x, size, mode="bilinear")
+            for x in (disparity * factor, normal, certain, sky_logit)
+        )
+        if normal is not None:  # interpolation may turn one away from the camera
+            normal = by_rows(facing_normals, normal, pixel_rays(camera_row(rig, normal.device), *size))
+    assert disparity is not None and certain is not None
+    disparity, certain = disparity[0, 0], certain[0, 0]
+    known = disparity.isfinite() & certain.isfinite()
+    if normal is not None:
+        known &= normal[0].isfinite().all(0)
+    candidates = disparity < MIN_DISPARITY
+    if sky_logit is not None:
+        known &= sky_logit[0, 0].isfinite()
+        candidates |= sky_logit[0, 0] > 0
+    may_be, far, sure = (x.cpu().numpy() for x in (candidates & known, disparity, certain))
+    sky = torch.from_numpy(possible_sky(may_be, far, sure, rig.camera)).to(disparity.device)
+    known &= sky | (disparity >= MIN_DISPARITY)  # where no sky can be, nothing is as far
+    disparity = disparity.masked_fill(sky, 0.0).masked_fill_(~known, torch.nan)
     depth = disparity_to_depth(disparity, rig.fb)
-    disparity = torch.where(depth.isinf(), torch.zeros_like(disparity), disparity)
-    normal = torch.where(known, maps[0, 1:4], torch.full_like(maps[0, 1:4], torch.nan)).permute(1, 2, 0)
-    confidence = torch.where(known, maps[0, 4], torch.zeros_like(disparity))
-    arrays = [x.cpu().contiguous().numpy() for x in (depth, disparity, normal, confidence)]
-    return Prediction(arrays[0], arrays[1], None if out.normal is None else arrays[2], arrays[3])
+    disparity.masked_fill_(depth.isinf(), 0.0)
+    certain = certain.masked_fill(~known, 0.0)
+    if normal is not None:
+        normal = normal[0].permute(1, 2, 0).contiguous().masked_fill_(~known[..., None], torch.nan)
+    depth_map, disparity_map, certain_map = (x.cpu().numpy() for x in (depth, disparity, certain))
+    return Prediction(depth_map, disparity_map, None if normal is None else normal.cpu().numpy(), certain_map)
 
 
 def camera_row(rig: StereoRig, device: torch.device) -> Tensor:

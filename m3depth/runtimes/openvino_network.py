@@ -81,7 +81,9 @@ class OpenVinoM3Depth:
         inputs = [left, right, camera, *(x for x in start or () if x is not None)]
         height, width = left.shape[-2:]
         request = self._request(start is not None, height, width)
-        arrays = request.infer([x.float().contiguous().numpy() for x in inputs], share_inputs=True)
+        arrays = request.infer(  # the maps are read before the request is used again
+            [x.float().contiguous().numpy() for x in inputs], share_inputs=True, share_outputs=True
+        )
         maps = [torch.from_numpy(array) for array in arrays.to_tuple()]
         return StereoOutput(maps[0], maps[1], maps[2], maps[3], None, [], maps[4] if len(maps) > 4 else None)
 
