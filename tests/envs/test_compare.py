@@ -29,8 +29,16 @@ def test_results_that_hold_are_described(suite_run, small_suite, capsys):
     assert "8 episodes of small-v1, dev: straight, ground_truth; random, ground_truth" in capsys.readouterr().out
 
 
+NO_ROCKS = {"rocks": 0, "rocks_missed": 0, "false_obstacles": 0}
+
+
 def broken(key, value):
     return lambda content: content["episodes"][0].update({key: value})
+
+
+def seen(**values):
+    """The first episode is one of another perception, which saw no rocks, with these values."""
+    return lambda content: content["episodes"][0].update({"perception": "p", **NO_ROCKS, **values})
 
 
 @pytest.mark.parametrize(
@@ -64,10 +72,13 @@ def broken(key, value):
         (broken("abs_rel", -5), "episodes[0].abs_rel must be at least 0, got -5"),
         (broken("abs_rel", 0.1), "abs_rel must be null for true depth, got 0.1"),
         (broken("rocks", 3), "rocks must be null for true depth, got 3"),
-        (lambda c: c["episodes"][0].update(perception="p", rocks=1, rocks_missed=9), "must be at most 1, the number"),
-        (lambda c: c["episodes"][0].update(perception="p", rocks_missed=1), "rocks_missed must be at most 0, the"),
+        (seen(rocks=1, rocks_missed=9), "must be at most 1, the number"),
+        (seen(rocks_missed=1), "rocks_missed must be at most 0, the"),
+        (broken("perception", "p"), "rocks must be a number for p: only true depth has no errors"),
+        (seen(false_obstacles=None), "false_obstacles must be a number for p: only true depth has no errors"),
+        (broken("min_clearance", 4.0), "episodes[0].min_clearance must be at most 3, got 4"),
         (
-            lambda c: c["episodes"][0].update(perception="p", near_ground=5, near_ground_as_sky=6),
+            seen(near_ground=5, near_ground_as_sky=6),
             "near_ground_as_sky must be at most 5, the pixels of near ground, got 6",
         ),
         (broken("near_ground", 7), "near_ground must be null for true depth, got 7"),
@@ -140,7 +151,7 @@ def test_methods_of_several_files_are_compared_by_course(
             episode.update(outcome="goal", success=True, distance=0.5, path_length=way, spl=episode["shortest"] / way)
             more = max(math.ceil(way / 0.4) - episode["steps"], 0)
             episode.update(steps=episode["steps"] + more, looks=episode["looks"] + more)
-            episode["perception"] = "theirs"
+            episode.update(perception="theirs", **NO_ROCKS)
 
     theirs = edited(arrive)
     out = tmp_path / "out"
