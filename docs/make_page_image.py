@@ -1,9 +1,11 @@
-"""Makes the picture of docs/guides/inspect-a-drive.md, images/drive_page.jpg, in a headless Chromium.
+"""Makes the pictures of pages in docs/guides/inspect-a-drive.md, in a headless Chromium.
 
-    python -m envs.evaluate --perception sgbm --dynamics kinematic --goal-distance 12 --k .15 --slope-deg 8 \
-        --texture-strength .1 --albedo-contrast .1 --pebbles 0 --wind-ripples 0 --episodes 1 --seed 4 --record all \
-        --no-videos --out out/page
-    python docs/make_page_image.py out/page/drives/*.html
+    python -m envs.evaluate --perception ground_truth sgbm --dynamics kinematic --goal-distance 12 --k .15 \
+        --slope-deg 8 --texture-strength .1 --albedo-contrast .1 --pebbles 0 --wind-ripples 0 --episodes 1 --seed 4 \
+        --record all --no-videos --out out/page
+    python docs/make_page_image.py out/page/drives/*sgbm*.html drive_page.jpg
+    python -m envs.report out/page/drives/*ground_truth*.zip out/page/drives/*sgbm*.zip --out pair.html
+    python docs/make_page_image.py pair.html drive_pair.jpg
 """
 
 from __future__ import annotations
@@ -18,14 +20,14 @@ import numpy as np
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-PICTURE = Path(__file__).parent / "images" / "drive_page.jpg"
+IMAGES = Path(__file__).parent / "images"
 WINDOW = "1500,1420"  # [px]
 WIDTH, QUALITY = 1200, 80  # [px] width of the picture, and its quality as JPEG
 LARGEST = 200_000  # [byte]
 
 
-def main(page: Path) -> None:
-    """Open a page at the moment that decided, and save what it shows."""
+def main(page: Path, picture: Path) -> None:
+    """Open a page at the moment that decided, and save what it shows as a JPEG."""
     options = webdriver.ChromeOptions()
     for flag in ("--headless=new", "--no-sandbox", "--hide-scrollbars", f"--window-size={WINDOW}"):
         options.add_argument(flag)
@@ -41,11 +43,11 @@ def main(page: Path) -> None:
     small = cv2.resize(shot, (WIDTH, round(shot.shape[0] * WIDTH / shot.shape[1])), interpolation=cv2.INTER_AREA)
     data = cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))[1].tobytes()
     if len(data) > LARGEST:
-        raise SystemExit(f"{PICTURE} would take {len(data)} bytes, more than {LARGEST}")
-    PICTURE.write_bytes(data)
+        raise SystemExit(f"{picture} would take {len(data)} bytes, more than {LARGEST}")
+    picture.write_bytes(data)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 3:
         raise SystemExit(__doc__)
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), IMAGES / sys.argv[2])
