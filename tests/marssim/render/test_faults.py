@@ -11,7 +11,8 @@ def test_a_set_without_faults_is_the_default_and_others_change_the_faults_alone(
     assert fault_set("none") == SensorConfig()
     for name in FAULT_SETS:
         assert all(getattr(fault_set(name), value) == getattr(SensorConfig(), value) for value in ALWAYS)
-    assert all(getattr(fault_set("random"), value) != getattr(SensorConfig(), value) for value in FAULTS)
+    drawn = {*FAULTS} - {"sun_glare"}  # which depends on the scene: the published data are without it
+    assert all(getattr(fault_set("random"), value) != getattr(SensorConfig(), value) for value in drawn)
 
 
 def test_training_draws_the_rover_too():
