@@ -11,7 +11,8 @@ random weights. All networks see the same data in the same order, with the same 
 minutes, and are scored by m3depth.evaluate's rules on the same pairs. A run that several tables share is trained once:
 22 runs make these five studies, for each seed. With --preset paper or paper-thin they are 19, since these have no
 lookup and no match at half the resolution to leave out. --studies additions takes back all else that lite adds to the
-paper's network and loss, one by one, in 8 further runs.
+paper's network and loss, one by one, in 8 further runs. --studies components consistency has five runs: WEFE, IRM and
+the consistency loss alone, for several --seeds.
 
 The same command continues after it was stopped or killed. It writes results.md and results.json after each run, and two
 figures a study at the end: STUDY.png has the errors beside the paper's, STUDY_maps.png the maps of all rows on two test

@@ -32,11 +32,16 @@ class AblateOptions:
     """Folder to write the runs, the tables and the figures to."""
     test: Path | None = None
     """Dataset folder whose test split is scored. Without it, the first folder of --data."""
-    studies: tuple[Literal["components", "loss", "iterations", "levels", "parts", "additions"], ...] = (
-        "components", "loss", "iterations", "levels", "parts",
-    )  # fmt: skip
-    """Tables to make: those of the paper; parts, of what stands beside the recurrent steps of lite; and additions, of
-    all else that lite adds to the paper's network and loss. More of them can be added later in the same --out.
+    studies: tuple[Literal["components", "loss", "consistency", "iterations", "levels", "parts", "additions"], ...] = (
+        "components",
+        "loss",
+        "iterations",
+        "levels",
+        "parts",
+    )
+    """Tables to make: those of the paper; consistency, the rows of loss with and without the consistency loss alone;
+    parts, of what stands beside the recurrent steps of lite; and additions, of all else that lite adds to the paper's
+    network and loss. More of them can be added later in the same --out.
     """
     steps: int | None = None
     """Budget of each run in optimizer steps, 1 or more, so that every network is trained on the same crops."""

@@ -149,6 +149,15 @@ def _loss() -> Study:
     return Study("Weights of the loss", "lambda", columns, rows, 0, comparisons)
 
 
+def _consistency() -> Study:
+    """Return the first two rows of `_loss` as a study, so that they alone can be repeated with several seeds."""
+    study = _loss()
+    return replace(
+        study, title="The consistency loss alone", rows=study.rows[:2], comparisons=study.comparisons[:1],
+        measures=("abs_rel", "normal_mean"),
+    )  # fmt: skip
+
+
 def _ladder(
     title: str, source: str, quantity: str, change: Callable[[int], Mapping[str, Any]],
     figures: Mapping[int, Sequence[float]], reference: int, statements: Mapping[int, str] | None = None,
@@ -245,8 +254,8 @@ def _additions() -> Study:
 
 
 STUDIES: dict[str, Study] = {
-    "components": _components(), "loss": _loss(), "iterations": _iterations(), "levels": _levels(), "parts": _parts(),
-    "additions": _additions(),
+    "components": _components(), "loss": _loss(), "consistency": _consistency(), "iterations": _iterations(),
+    "levels": _levels(), "parts": _parts(), "additions": _additions(),
 }  # fmt: skip
 
 
