@@ -9,7 +9,7 @@ another call takes such files beside scores or without them, from trainings on o
 have been scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs.
 Rows of a method for normals say whose depth it got; those with the true depth come last. --out gets methods.md,
 methods.json, error_by_depth_SET.png and curves.png too. The time and memory of a network are measured by this command,
-with random weights.
+with random weights, and so are those of the methods without training that the package has.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import statistics
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,6 +41,7 @@ from method_records import (
 from methods_page import markdown
 from training_curves import curves_figure
 
+from m3depth.estimator import BUILT_IN, load_estimator
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
 from m3depth.evaluation.report import marked
@@ -216,26 +217,55 @@ def cost(network: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _cost(sizes: Mapping[str, Any]) -> dict[str, Any]:
-    random = np.random.default_rng(0)
-    shape = (NATECAM.camera.height, NATECAM.camera.width)
-    left = random.integers(0, 256, shape, dtype=np.uint8)
-    right = np.roll(left, -SHIFT, axis=1)
     config = config_from_dict(dict(sizes))
     if isinstance(config, NormalConfig):
         config = replace(config, depth_weights="", depth_sha256="")
     network = new_network(config).eval()
     infer = network.infer
     if isinstance(network, NormalNetwork):
-        infer = network.with_truth(np.full(shape, SHIFT, np.float32)).infer
-    infer(left, right, NATECAM)
-    costs = [measured(infer, left, right, NATECAM)[1] for _ in range(REPEATS)]
+        infer = network.with_truth(np.full(_timed_pair()[0].shape, SHIFT, np.float32)).infer
     return {
         "gets_truth": network.takes_truth,
         "on_m3depth": isinstance(network, NormalNetwork) and not network.takes_truth,
         "parameters": sum(p.numel() for p in network.parameters()),
-        "seconds": statistics.median(cost.seconds for cost in costs),
-        "memory_mib": costs[-1].peak_mib,
+        **_timed(infer),
     }
+
+
+def untrained_cost(label: str) -> dict[str, Any] | None:
+    """Return the seconds and the memory of a method without training, as `cost` does for a network.
+
+    Args:
+        label: The method as the tables call it, such as "SGBM-HH".
+
+    Returns:
+        "seconds" and "memory_mib", without the filling of gaps; None for a method that the package does not have, and
+        for one whose package is not installed.
+    """
+    if (name := label.lower()) not in BUILT_IN:
+        return None
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(_untrained_cost, name).result()
+
+
+def _untrained_cost(name: str) -> dict[str, Any] | None:
+    try:
+        return _timed(load_estimator(name).infer)
+    except ImportError:
+        return None
+
+
+def _timed(infer: Callable[..., object]) -> dict[str, Any]:
+    pair = _timed_pair()
+    infer(*pair, NATECAM)
+    costs = [measured(infer, *pair, NATECAM)[1] for _ in range(REPEATS)]
+    return {"seconds": statistics.median(cost.seconds for cost in costs), "memory_mib": costs[-1].peak_mib}
+
+
+def _timed_pair() -> tuple[np.ndarray, np.ndarray]:
+    shape = (NATECAM.camera.height, NATECAM.camera.width)
+    left = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    return left, np.roll(left, -SHIFT, axis=1)
 
 
 def compared(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any]) -> dict[str, Any]:
@@ -277,6 +307,9 @@ def work(options: Options) -> None:
         "runs": {
             name: {**run["training"], "weights_sha256": run["weights_sha256"], **cost(run["network"])}
             for name, run in trained.items()
+        },
+        "untrained": {
+            name: measured_cost for name in named if name not in trained and (measured_cost := untrained_cost(name))
         },
         "commits": {name: [*dict.fromkeys(of_all_places(record["sets"], "commit"))] for name, record in named.items()},
         "other_renderings": other_renderings(records, named[reference]),

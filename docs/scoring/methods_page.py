@@ -21,9 +21,10 @@ def markdown(content: Mapping[str, Any]) -> str:
     lines = ["# Methods compared", "", "Means over images, with 95 % intervals over scenes:", "", *_summary(content)]
     if runs:
         threads = counted(content["versions"]["torch_threads"], "thread")
-        measured = f"Seconds and memory are those of a pair of 512 x 512 px; PyTorch computed with {threads}."
-        lines += ["", measured, ""]
-        lines += [*_cost_table(runs), "", "## Commands", "", *_starts(runs), "", _scored_by(content["commits"])]
+        measured = f"Seconds and memory are those of a pair of 512 x 512 px; PyTorch computed with {threads}. Those of"
+        lines += ["", f"{measured} methods without training do not include the filling of their gaps.", ""]
+        lines += [*_cost_table(runs, content["untrained"]), "", "## Commands", ""]
+        lines += [*_starts(runs), "", _scored_by(content["commits"])]
     if content["other_renderings"]:
         lines += ["", _rendered_elsewhere(content["other_renderings"], content["reference"])]
     for name, part in content["sets"].items():
@@ -34,6 +35,7 @@ def markdown(content: Mapping[str, Any]) -> str:
 def _summary(content: Mapping[str, Any]) -> list[str]:
     """Return the table of the figures that most readers want: a row a method."""
     sets, runs = content["sets"], content["runs"]
+    costs = {**content["untrained"], **runs}
     first = next(iter(sets))
     columns = [(name, "abs_rel", "Abs Rel") for name in sets]
     columns += [(first, VISIBLE, "EPE, non-occluded [px]"), (first, "normal_mean", "normals, mean [°]")]
@@ -44,7 +46,8 @@ def _summary(content: Mapping[str, Any]) -> list[str]:
             *(_cell(sets[name]["metrics"][label][key]) for name, key, _ in columns[:-1]),
             _cell(sets[first]["metrics"][label]["normal_mean"])
             + ", planes fitted" * scored[label]["normals_are_fitted"],
-            *((f"{runs[label]['seconds']:.2f}", _millions(runs[label])) if label in runs else ("-", "-")),
+            f"{costs[label]['seconds']:.2f}" if label in costs else "-",
+            _millions(runs[label]) if label in runs else "-",
         ]
         for label, title in sorted(_titles(sets[first], runs).items(), key=lambda item: _rank(sets[first], item[0]))
     ]
@@ -56,17 +59,21 @@ def _millions(run: Mapping[str, Any]) -> str:
     return f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"]
 
 
-def _cost_table(runs: Mapping[str, Any]) -> list[str]:
+def _cost_table(runs: Mapping[str, Any], untrained: Mapping[str, Any]) -> list[str]:
     rows = [
         [
-            name, _millions(run), f"{run['seconds']:.2f}",
-            "-" if run["memory_mib"] is None else f"{run['memory_mib']:.0f}", str(run["steps"]),
-            f"{run['processor_minutes']:.0f}", f"{run['minutes']:.0f}",
+            name, _millions(run), *_seconds_and_memory(run), str(run["steps"]), f"{run['processor_minutes']:.0f}",
+            f"{run['minutes']:.0f}",
         ]
         for name, run in runs.items()
     ]  # fmt: skip
+    rows += [[name, "-", *_seconds_and_memory(cost), "-", "-", "-"] for name, cost in untrained.items()]
     columns = ["method", "parameters", "s for a pair", "memory [MiB]"]
     return table([*columns, "steps", "processor minutes of training", "minutes of training"], rows)
+
+
+def _seconds_and_memory(cost: Mapping[str, Any]) -> tuple[str, str]:
+    return f"{cost['seconds']:.2f}", "-" if cost["memory_mib"] is None else f"{cost['memory_mib']:.0f}"
 
 
 def _starts(runs: Mapping[str, Any]) -> list[str]:

@@ -118,6 +118,10 @@ def folders(tmp_path) -> tuple[Path, Path]:
 def measured(compare_methods, monkeypatch) -> None:
     """Costs are those of one prediction of a small pair, in this process, which has torch already."""
     monkeypatch.setattr(compare_methods, "cost", compare_methods._cost)
+    monkeypatch.setattr(
+        compare_methods, "untrained_cost",
+        lambda name: compare_methods._untrained_cost(name.lower()) if name == "SGBM" else None,
+    )  # fmt: skip
     monkeypatch.setattr(compare_methods, "measured", lambda call, *args: (call(*args), Cost(1.0, 300.0, None)))
     monkeypatch.setattr(compare_methods, "REPEATS", 1)
     monkeypatch.setattr(compare_methods, "NATECAM", NATECAM.resized(64, 64))
@@ -167,7 +171,9 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     millions = f"{mine['parameters'] / 1e6:.2f} M"
     summary, _ = page.split("Seconds and memory")
     assert f"| mine | {' | '.join(of_mine)} | 1.00 | {millions} |" in summary
-    assert summary.rstrip().endswith(", planes fitted | - | - |")
+    assert summary.rstrip().endswith(", planes fitted | 1.00 | - |")
+    assert content["untrained"] == {"SGBM": {"seconds": 1.0, "memory_mib": 300.0}}
+    assert "| SGBM | - | 1.00 | 300 | - | - | - |" in page
     for picture in ("curves.png", "error_by_depth_clean.png"):
         assert cv2.imread(str(out / picture)).std() > 5
 
@@ -272,6 +278,14 @@ def test_a_killed_process_of_the_measurement_is_an_error(compare_methods, monkey
     monkeypatch.setattr(compare_methods, "_cost", os._exit)
     with pytest.raises(BrokenExecutor):
         compare_methods.cost(1)
+
+
+def test_a_method_without_training_is_timed(compare_methods, measured):
+    assert compare_methods._untrained_cost("sad-sgm") == {"seconds": 1.0, "memory_mib": 300.0}
+
+
+def test_a_method_that_the_package_does_not_have_is_not_timed(compare_methods):
+    assert compare_methods.untrained_cost("SGBM unfilled") is None
 
 
 def test_a_method_has_one_colour_in_all_figures(compare_methods, folders, measured, tmp_path, monkeypatch):
