@@ -123,9 +123,9 @@ class StereoNetwork(nn.Module):
                 it, which saves time and memory. None: as many as the images have.
 
         Returns:
-            Depth in metres of the given rig; inf where the network sees sky. Where it sees sky and none can be (see
-            m3depth/stereo/sky.py), its disparity decides. Where that is of no finite depth, and where its numbers are
-            not finite, all maps are NaN and confidence is 0.
+            Depth in metres of the given rig; inf where the network sees sky, and in what floats in it (see
+            m3depth/stereo/sky.py). Where it sees sky and none can be, its disparity decides. Where that is of no finite
+            depth, and where its numbers are not finite, all maps are NaN and confidence is 0.
 
         Raises:
             ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.

@@ -1,7 +1,8 @@
 """Where sky can be: above the horizon of the ground, up to the upper border of the image.
 
 A network that has seen few bright, smooth walls or blank dust may take them for sky, and sky is free ground to a
-navigator. What it takes for sky is therefore only sky where a sky can be.
+navigator. What it takes for sky is therefore only sky where a sky can be. The other way round, nothing floats in the
+sky: a part without contact to the ground, of which the network is not confident, is sky too.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ BELOW_HORIZON = float(np.arctan(1.2 / 8))
 def possible_sky(
     candidates: np.ndarray, disparity: np.ndarray, confidence: np.ndarray, camera: PinholeCamera
 ) -> np.ndarray:
-    """Return the part of what a network takes for sky that can be sky.
+    """Return the part of what a network takes for sky that can be sky, with what floats in it.
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
     disparities best, or at most BELOW_HORIZON below it. Where too few pixels are confident, and where the plane is seen
-    as a wall, the horizon is not known, and only the border decides. The image must be upright, as a rover's is.
+    as a wall, the horizon is not known, and only the border decides. What sky parts from the lower border, and has no
+    confident pixel and none below that horizon, floats. The image must be upright, as a rover's is.
 
     Args:
         candidates: (H, W) bool, what the network takes for sky.
@@ -43,14 +45,18 @@ def possible_sky(
     if not candidates.any():
         return candidates
     ground = np.flatnonzero(~candidates & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
-    above = candidates
-    if len(ground) >= FEWEST:
-        plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
-        if plane is not None:
-            above = candidates & ~_below_horizon(plane, camera)
+    plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera) if len(ground) >= FEWEST else None
+    below = np.zeros_like(candidates) if plane is None else _below_horizon(plane, camera)
+    above = candidates & ~below
     _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=4)
     at_border = np.unique(labels[0][above[0]])
-    return above & np.isin(labels, at_border)
+    sky = above & np.isin(labels, at_border)
+    if not sky.any():
+        return sky
+    held = (confidence >= CONFIDENT) | below
+    held[-1] = True
+    _, labels = cv2.connectedComponents((~sky).astype(np.uint8), connectivity=8)
+    return sky | ~np.isin(labels, np.unique(labels[held & ~sky]))
 
 
 def ground_plane(pixels: np.ndarray, disparity: np.ndarray, camera: PinholeCamera) -> np.ndarray | None:
