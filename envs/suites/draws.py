@@ -118,9 +118,9 @@ class EpisodeDraws:
             if low > high:
                 raise ValueError(f"{name} must have the lower end of its range first, got {numbers[name]!r}")
         for each in self._conditions:
-            for condition in each.ends:
-                under(condition, scene, least, eyes)
-                course_under(condition_values(condition), most)
+            for at_end in each.ends:
+                under(at_end, scene, least, eyes)
+                course_under(condition_values(at_end), most)
             each.check_order()
         self._scene, self._eyes = scene, eyes
 
