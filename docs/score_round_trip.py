@@ -38,7 +38,7 @@ from marssim.inspection.integrity import CALIBRATION
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor
-from marssim.render.stereo import radiance
+from marssim.render.stereo import light_at_detector
 from marssim.render.surfaces.shading import Shader
 
 EXACT = ("--sensor.vertical-offset", 0, 0, "--sensor.rotation-deg", 0, 0)  # what is left of errors of calibration
@@ -143,7 +143,7 @@ def _render(config: GenerateConfig, dataset: StereoDataset, number: int, view: R
     views, light = [], []
     for camera, at in ((view.left, pose), (view.right, config.rig.right_pose(pose))):
         views.append(renderer.render(camera, at, footprint))
-        light.append(radiance(renderer, shader, camera, at, views[-1], footprint))
+        light.append(light_at_detector(renderer, shader, camera, at, views[-1], footprint, sensor.sun_glare))
     renderer.close()
     left, right = sensor.expose_pair(*light, views[0].hit, np.random.default_rng(number))
     whole = np.ones(left.shape[:2], bool)

@@ -31,7 +31,7 @@ ANYWHERE = ("goal", "collision", "tilt")  # outcomes that a drive may have withi
 # null for drives with true depth
 NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles", "near_ground", "near_ground_as_sky")
 
-OF_EYES = ("rocks", "rocks_missed", "false_obstacles")  # numbers for all other drives
+REQUIRED_OF_ESTIMATES = ("rocks", "rocks_missed", "false_obstacles")  # numbers unless the depth is true
 
 Method = tuple[str, str]  # driver and perception
 Key = tuple[str, int]  # condition and number of the course
@@ -199,9 +199,9 @@ def _fault_of_depth(episode: Mapping[str, Any]) -> str | None:
             if episode.get(name) is not None:
                 return f"{name} must be null for true depth, got {episode[name]!r}"
     else:
-        for name in OF_EYES:
+        for name in REQUIRED_OF_ESTIMATES:
             if episode.get(name) is None:
-                return f"{name} must be a number for {episode['perception']}: only true depth has no errors"
+                return f"{name} must be a number for {episode['perception']}; only drives with true depth have null"
     rocks, missed = (episode.get(name) or 0 for name in ("rocks", "rocks_missed"))
     if missed > rocks:
         return f"rocks_missed must be at most {rocks}, the number of rocks, got {missed}"

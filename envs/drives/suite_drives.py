@@ -70,7 +70,7 @@ def values_of(config: EvaluateConfig, cell: Cell) -> Mapping[str, Any]:
 
 
 def episode_check(config: EvaluateConfig, cell: Cell, number: int, then: Watch) -> Watch:
-    """Return a Watch that compares course and detectors with those of the suite after the reset, and calls `then`.
+    """Return a Watch that compares the course and the detectors with the suite's after the reset, and calls `then`.
 
     It raises DatasetError if they differ. Without a suite it is `then`.
     """

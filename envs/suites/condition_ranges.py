@@ -26,7 +26,7 @@ def range_ends(name: str, value: Any) -> tuple[float, float]:
         value: A tuple or list.
 
     Raises:
-        ValueError: It has not two ends.
+        ValueError: It does not have two ends.
     """
     if len(value) != 2 or None in value:
         raise ValueError(f"{name} must be a number or the two ends of a range, got {value!r}")
@@ -46,8 +46,8 @@ class ConditionRanges:
         """Check the ranges.
 
         Raises:
-            ValueError: There is no condition or no value of that name, or a range has not two ends, or is of a value
-                that cannot be drawn. One line that names it.
+            ValueError: There is no condition or no value of that name, or a range does not have two ends, or is of a
+                value that cannot be drawn. One line that names it.
         """
         self.condition = condition
         self._ranges: dict[str, tuple[float, float]] = {}

@@ -6,7 +6,7 @@ to either side where computers differ in its last bits. So a scene has two diges
 apart, and two scenes count as the same if either digest is. A number that lies at a step of one, as the height 0 does,
 is far from the steps of the other.
 
-Processors with other instructions build scenes that differ by less than 1e-14 m, which changes both digests of hardly
+Processors with other instructions build scenes that differ by less than 1e-12 m, which changes both digests of hardly
 any scene. Differences of 1e-6 m in all numbers change both of every scene.
 """
 

@@ -30,8 +30,8 @@ def possible_sky(
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
     disparities best, or at most BELOW_HORIZON below it. Where too few pixels are confident, and where the plane is seen
-    as a wall, the horizon is not known, and only the border decides. What sky parts from the lower border, and has no
-    confident pixel and none below that horizon, floats. The image must be upright, as a rover's is.
+    as a wall, the horizon is not known, and only the border decides. A part floats if sky separates it from the lower
+    border and none of its pixels is confident. The image must be upright, as a rover's is.
 
     Args:
         candidates: (H, W) bool, what the network takes for sky.
@@ -45,15 +45,15 @@ def possible_sky(
     if not candidates.any():
         return candidates
     ground = np.flatnonzero(~candidates & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
-    plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera) if len(ground) >= FEWEST else None
-    below = np.zeros_like(candidates) if plane is None else _below_horizon(plane, camera)
-    above = candidates & ~below
+    above = candidates
+    if len(ground) >= FEWEST:
+        plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
+        if plane is not None:
+            above = candidates & ~_below_horizon(plane, camera)
     _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=4)
     at_border = np.unique(labels[0][above[0]])
     sky = above & np.isin(labels, at_border)
-    if not sky.any():
-        return sky
-    held = (confidence >= CONFIDENT) | below
+    held = confidence >= CONFIDENT
     held[-1] = True
     _, labels = cv2.connectedComponents((~sky).astype(np.uint8), connectivity=8)
     return sky | ~np.isin(labels, np.unique(labels[held & ~sky]))

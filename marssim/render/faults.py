@@ -46,10 +46,10 @@ def fault_set(name: FaultSet) -> SensorConfig:
     """Return the detectors' ranges of a set.
 
     Args:
-        name: "none", the defaults of SensorConfig, or "random": each pair has each fault with a chance that is drawn
-            for the pair, 0 to 0.7, and with a strength from weak to strong. Training on it makes a network used to
-            such images. "public": every pair has what the raw images of rovers on the web have: some dust, glare and
-            hot pixels, a contrast stretch of each image alone, and JPEG.
+        name: "none", the defaults of SensorConfig, or "random": each pair has each fault but sun_glare with a chance
+            that is drawn for the pair, 0 to 0.7, and with a strength from weak to strong. Training on it makes a
+            network used to such images. "public": every pair has what the raw images of rovers on the web have: some
+            dust, glare and hot pixels, a contrast stretch of each image alone, and JPEG.
 
     Raises:
         ValueError: There is no set of that name.

@@ -22,8 +22,7 @@ from marssim.render.own_rover.body import RoverBody
 from marssim.render.own_rover.renderer import WithRover
 from marssim.render.renderers.renderer import Renderer
 from marssim.render.sensor import Sensor
-from marssim.render.stereo import radiance
-from marssim.render.sun_glare import sun_glare
+from marssim.render.stereo import light_at_detector
 from marssim.render.surfaces.shading import Shader
 
 FINER = 2.0  # pixels of the image without distortion for one of the raw image, along a side, where there are fewest
@@ -146,9 +145,7 @@ class RawRenderer:
         for eye, lens in self._lenses.items():
             there = self.pose(eye, pose, turns[eye])
             view = renderer.render(lens.ideal, there, footprint)
-            colour = radiance(renderer, shader, lens.ideal, there, view, footprint)
-            if sensor.sun_glare > 0:
-                colour += sun_glare(renderer, shader.light, lens.ideal, there, sensor.sun_glare)
+            colour = light_at_detector(renderer, shader, lens.ideal, there, view, footprint, sensor.sun_glare)
             light[eye] = lens.mean(colour)
             ground = lens.nearest(view.hit) if ground is None else ground
         assert ground is not None

@@ -58,9 +58,7 @@ def render_stereo(
 
     def seen(pose: np.ndarray) -> tuple[GBuffer, np.ndarray]:
         view = renderer.render(rig.camera, pose, footprint)
-        colour = radiance(renderer, shader, rig.camera, pose, view, footprint)
-        if sensor.sun_glare > 0:
-            colour += sun_glare(renderer, shader.light, rig.camera, pose, sensor.sun_glare)
+        colour = light_at_detector(renderer, shader, rig.camera, pose, view, footprint, sensor.sun_glare)
         return replace(view, shading_normal=SHADED, detail=SHADED), colour
 
     (left_view, left), (right_view, right) = (
@@ -122,6 +120,25 @@ def occlusion(
         met = renderer.trace(towards, right_pose, Footprint.of(camera, pose), sunlit=False)
         hidden[at] = met.depth < depth * (1 - SAME_POINT)
     return hidden.reshape(view.depth.shape)
+
+
+def light_at_detector(
+    renderer: Renderer, shader: Shader, camera: PinholeCamera, pose: np.ndarray, view: GBuffer, footprint: Footprint,
+    glare: float,
+) -> np.ndarray:  # fmt: skip
+    """Return the radiance of a view and what its lens adds to it of the sun.
+
+    Args:
+        renderer, shader, camera, pose, view, footprint: See `radiance`.
+        glare: Share of the sunlight on the lens that is scattered, 0 to 1.
+
+    Returns:
+        (H, W, 3) float32, as `radiance` returns it.
+    """
+    light = radiance(renderer, shader, camera, pose, view, footprint)
+    if glare > 0:
+        light += sun_glare(renderer, shader.light, camera, pose, glare)
+    return light
 
 
 def radiance(

@@ -3,8 +3,8 @@
 Around a source, eyes and lenses scatter light that falls with about the square of the angle (the law of Stiles and
 Holladay for eyes; power laws in Talvala, Adams, Horowitz and Levoy, "Veiling glare in high dynamic range imaging", ACM
 Trans. Graph. 26, 2007). So the whole image gets a veil, which is stronger on the side of the sun, and has no shadows.
-It has the colour of the sunlight, grows with the light that the lens's front catches, and is none with the sun behind
-the camera, or behind a hill.
+It has the colour of the sunlight and grows with the light that the lens's front catches. It is zero when the sun is
+behind the camera or a hill.
 
 What this leaves out: reflections between the surfaces of the lenses (ghosts), and a hood, whose shadow on the lens
 depends on its shape.

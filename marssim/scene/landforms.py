@@ -144,7 +144,8 @@ def _wave_train(n: int, cell: float, wavelength: float, wind: float, rng: np.ran
     band = np.exp(-0.5 * (((along - 1) / 0.13) ** 2 + (across / 0.2) ** 2))
     # white noise is white in the Fourier domain too, so it is drawn there
     row, column = np.flatnonzero(band.max(axis=1) > 1e-4), np.flatnonzero(band.max(axis=0) > 1e-4)
-    wave = np.zeros((n, n), dtype=np.complex64)
+    # in double precision: functions of single precision differ between processors in their fifth digit
+    wave = np.zeros((n, n), dtype=np.complex128)
     drawn = rng.standard_normal((len(row), len(column), 2)) @ (1, 1j)
     wave[np.ix_(row, column)] = band[np.ix_(row, column)] * drawn
     wave = fft.ifft2(wave, overwrite_x=True)

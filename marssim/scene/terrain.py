@@ -254,8 +254,7 @@ def _relief(
 def _sampled(heights: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return a square grid of heights [m] at finer rows and columns, by cubic convolution (Keys 1981, a = -0.75).
 
-    Only additions and multiplications of float64 in a fixed order: every processor gives the same bits. A library that
-    chooses its instructions by the processor gave others, and so other scenes.
+    Only additions and multiplications of float64 in a fixed order: every processor gives the same bits.
 
     Args:
         heights: (N, N) [m].
@@ -266,9 +265,13 @@ def _sampled(heights: np.ndarray, at: np.ndarray) -> np.ndarray:
     """
     first = np.floor(at).astype(np.int64)
     t = at - first
-    near, far = 1.25 * t**3 - 2.25 * t**2 + 1, -0.75 * (t**3 - 2 * t**2 + t)
     u = 1 - t
-    weights = [far, near, 1.25 * u**3 - 2.25 * u**2 + 1, -0.75 * (u**3 - 2 * u**2 + u)]  # of four nodes from first - 1
+    weights = [-0.75 * t * u * u, _near(t), _near(u), -0.75 * u * t * t]  # of four nodes from first - 1
     nodes = [np.clip(first + k, 0, len(heights) - 1) for k in (-1, 0, 1, 2)]
     rows = sum(weight[:, None] * heights[node] for weight, node in zip(weights, nodes))
     return np.asarray(sum(weight * rows[:, node] for weight, node in zip(weights, nodes)))
+
+
+def _near(t: np.ndarray) -> np.ndarray:
+    """Return the weight of the nearer nodes at distances t (M,) from them, 0 to 1."""
+    return (1.25 * t - 2.25) * t * t + 1

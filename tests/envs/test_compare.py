@@ -74,8 +74,8 @@ def seen(**values):
         (broken("rocks", 3), "rocks must be null for true depth, got 3"),
         (seen(rocks=1, rocks_missed=9), "must be at most 1, the number"),
         (seen(rocks_missed=1), "rocks_missed must be at most 0, the"),
-        (broken("perception", "p"), "rocks must be a number for p: only true depth has no errors"),
-        (seen(false_obstacles=None), "false_obstacles must be a number for p: only true depth has no errors"),
+        (broken("perception", "p"), "rocks must be a number for p; only drives with true depth have null"),
+        (seen(false_obstacles=None), "false_obstacles must be a number for p; only drives with true depth have null"),
         (broken("min_clearance", 4.0), "episodes[0].min_clearance must be at most 3, got 4"),
         (
             seen(near_ground=5, near_ground_as_sky=6),

@@ -3,24 +3,30 @@ import platform
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from envs.suites.digest import scene_digests
+from envs.suites.suite import build_course, load_suite
+
+ROOT = Path(__file__).parents[3]
 
 # Without the instructions that libraries choose by the processor. Names that a processor lacks have no effect.
-OLD_PROCESSOR = {
-    "OPENCV_CPU_DISABLE": "AVX2,FMA3", "NPY_DISABLE_CPU_FEATURES": "AVX512F,AVX2,FMA3,X86_V3,X86_V4,AVX512_ICL",
+NO_AVX512 = {"NPY_DISABLE_CPU_FEATURES": "X86_V4,AVX512_ICL,AVX512_SPR,AVX512F,AVX512_SKX"}
+NO_AVX2 = {
+    "NPY_DISABLE_CPU_FEATURES": NO_AVX512["NPY_DISABLE_CPU_FEATURES"] + ",X86_V3,AVX2,FMA3",
+    "OPENCV_CPU_DISABLE": "AVX2,FMA3",
 }  # fmt: skip
-PRINT_DIGESTS = """
-import numpy as np
-from envs.suites.digest import scene_digests
-from marssim.scene.presets import preset
-from marssim.scene.scene import build_scene
-for place in ("utopia", "gale"):
-    print(*scene_digests(build_scene(preset(place, size=16.0, horizon=30.0), np.random.default_rng(1))))
+EPISODES = (("clear", 0), ("ledges", 3))  # of the split dev of marsnav-v1
+SAVE = """
+import sys
+from tests.envs.suites.test_digest import save_scenes
+save_scenes(sys.argv[1])
 """
+SAME = 1e-11  # [m] by which scenes of two processors may differ
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +74,33 @@ def test_the_last_bits_of_all_heights_do_not_matter_and_micrometres_do(make_scen
     assert not changed_by(make_scene, heights, 1e-13) and changed_by(make_scene, heights, 1e-6)
 
 
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the instructions are those of x86-64")
-def test_a_processor_without_newer_instructions_builds_the_same_scenes():
-    def digests(**environment):
-        command = [sys.executable, "-W", "ignore", "-c", PRINT_DIGESTS]
-        return subprocess.check_output(command, env={**os.environ, **environment}, text=True)
+@cache
+def scenes():
+    """The scenes of EPISODES by condition."""
+    suite = load_suite("marsnav-v1")
+    seeds = {condition: suite.episodes["dev", condition, number]["seed"] for condition, number in EPISODES}
+    return {name: build_course(suite.conditions[name], seed).scene for name, seed in seeds.items()}
 
-    scenes = digests().splitlines(), digests(**OLD_PROCESSOR).splitlines()
-    assert len(scenes[0]) == 2
-    for here, there in zip(*scenes, strict=True):
-        assert set(here.split()) & set(there.split())
+
+def numbers(scene):
+    return np.concatenate([
+        scene.terrain.fine.heights.ravel(), scene.terrain.coarse.heights.ravel(), scene.bodies.vertices.ravel()
+    ])  # fmt: skip
+
+
+def save_scenes(file):
+    np.savez(file, **{name: numbers(scene) for name, scene in scenes().items()})
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the instructions are those of x86-64")
+@pytest.mark.parametrize("environment", [NO_AVX512, NO_AVX2], ids=["no AVX-512", "no AVX2"])
+def test_a_processor_without_newer_instructions_builds_the_same_scenes(environment, tmp_path):
+    command = [sys.executable, "-W", "ignore", "-c", SAVE, str(tmp_path / "there.npz")]
+    subprocess.run(command, env={**os.environ, **environment}, cwd=ROOT, check=True)
+    there = np.load(tmp_path / "there.npz")
+    for name, scene in scenes().items():
+        here = numbers(scene)
+        assert here.shape == there[name].shape and np.abs(here - there[name]).max() < SAME
 
 
 def test_the_light_does_not_matter(scene):

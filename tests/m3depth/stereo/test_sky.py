@@ -46,36 +46,36 @@ def test_without_confident_ground_the_border_decides() -> None:
     assert (possible_sky(taken, disparity, np.zeros_like(disparity), CAMERA) == taken).all()
 
 
-@pytest.mark.parametrize(
-    ("confidence", "bridge", "floats"), [(0.2, False, True), (0.6, False, False), (0.2, True, False)]
-)
-def test_what_floats_in_the_sky_is_sky_unless_the_network_is_confident(
-    confidence: float, bridge: bool, floats: bool
-) -> None:
-    """A cloud that the network takes for something near, alone in the sky or joined with the ground by a column."""
+CLOUD = np.s_[5:12, 40:60]  # a part of the sky that the network takes for something near
+
+
+@pytest.mark.parametrize("confidence", [0.2, 0.6])
+def test_what_floats_in_the_sky_is_sky_unless_one_of_its_pixels_is_confident(confidence: float) -> None:
     disparity, down = level_ground(10.0)
     taken, sure = down < 0, np.where(down < 0, 0.2, 0.9).astype(np.float32)
-    taken[5:12, 40:60] = False
-    sure[8, 50] = confidence
-    if bridge:
-        taken[12:, 50] = False
+    taken[CLOUD], sure[8, 50] = False, confidence
     sky = possible_sky(taken, disparity, sure, CAMERA)
-    assert (sky[5:12, 40:60] == floats).all()
+    assert (sky[CLOUD] == (confidence < 0.5)).all()
     assert sky[taken].all() and not sky[down > 0].any()
 
 
-def test_a_part_of_the_ground_that_false_sky_surrounds_does_not_float() -> None:
-    """It lies below the horizon, where no sky can be, though the network is confident nowhere there."""
+@pytest.mark.parametrize("columns", [np.full(128, 50), 50 + np.arange(128) // 2, 50 + np.arange(128) % 2])
+def test_what_touches_the_ground_does_not_float(columns: np.ndarray) -> None:
+    """A bridge of single pixels leads from the cloud down to the ground: straight, slanting, and by corners alone."""
     disparity, down = level_ground(10.0)
-    taken, sure = down < np.deg2rad(6), np.where(down < np.deg2rad(12), 0.2, 0.9).astype(np.float32)
-    rows = np.flatnonzero((down > np.deg2rad(3)).all(1) & (down < np.deg2rad(5)).all(1))
-    taken[rows[0], 50:60] = False
+    taken, sure = down < 0, np.where(down < 0, 0.2, 0.9).astype(np.float32)
+    taken[CLOUD] = False
+    rows = np.arange(12, np.flatnonzero((down > 0).all(1))[0])
+    taken[rows, columns[rows - 12]] = False
+    assert not possible_sky(taken, disparity, sure, CAMERA)[CLOUD].any()
+
+
+def test_without_a_confident_pixel_what_reaches_the_lower_border_does_not_float() -> None:
+    disparity, down = level_ground(10.0)
+    taken, sure = down < 0, np.full(down.shape, 0.2, np.float32)
+    taken[CLOUD] = False
     sky = possible_sky(taken, disparity, sure, CAMERA)
-    assert sky[rows[0], 40] and sky[rows[0], 55]  # at most BELOW_HORIZON below the horizon: it may be sky
-    taken = down < np.deg2rad(15)
-    rows = np.flatnonzero((down > BELOW_HORIZON + 0.01).all(1))
-    taken[rows[2], 50:60] = False
-    assert not possible_sky(taken, disparity, sure, CAMERA)[rows[2], 50:60].any()
+    assert sky[CLOUD].all() and not sky[down >= 0].any()
 
 
 def test_a_view_down_has_no_sky() -> None:

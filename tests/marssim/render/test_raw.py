@@ -1,6 +1,7 @@
 """Raw images: how exactly a lens resamples the image that it is rendered from, and where the cameras stand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,11 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.rig_file import RawRig, read_rig_file
 from marssim.base.pose import look_pose
 from marssim.render.raw import FINER, RawLens, RawRenderer
+from marssim.render.renderers.embree_renderer import EmbreeRenderer
+from marssim.render.sensor import Sensor
+from marssim.render.surfaces.shading import Shader
+from marssim.scene.rocks.population import RockConfig
+from marssim.scene.scene import SceneConfig, build_scene
 
 SIZE = (160, 120)
 LENSES = {
@@ -90,6 +96,21 @@ def test_cameras_show_points_of_the_world_where_their_calibration_says(raw_rig):
         shown = camera.lens.project((world - at[:3, 3]) @ at[:3, :3])
         rig_frame = points @ raw_rig.view.rotation + raw_rig.cameras.left.centre
         assert shown == pytest.approx(camera.project(rig_frame), abs=1e-8)
+
+
+def test_raw_images_have_the_glare_of_the_sun_too(raw_rig):
+    config = SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0))
+    scene = build_scene(config, np.random.default_rng(3)).with_sun(15.0, 0.0)
+    pose, renderer = look_pose(np.array([0.0, 0.0, 1.2]), 0.0, 0.3), EmbreeRenderer(scene)
+    sensor = Sensor(exposure=0.5, psf=0.0, full_well=1e12, read_noise=0.0, vignetting=0.0)
+
+    def spread(glare):
+        of_glare = replace(sensor, sun_glare=glare)
+        pair = RawRenderer(raw_rig).render(renderer, Shader(scene), pose, of_glare, np.random.default_rng(0))
+        return np.array([image[len(image) // 2 :].std() / image[len(image) // 2 :].mean() for image in pair])
+
+    assert (spread(0.4) < 0.9 * spread(0.0)).all()
+    renderer.close()
 
 
 def test_a_turn_of_the_rectified_camera_turns_the_raw_one_with_it(raw_rig):
