@@ -92,7 +92,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
         "all_scenes": max((len({record["scene"] for record in records}) for records in _records(runs)), default=0),
         "rows": rows,
         "comparisons": comparisons,
-        "order": [_order(study, rows, name) for name in study.measures] if study.source else [],
+        "order": [_order(study, rows, n) for n in study.measures if sum(n in row.paper for row in study.rows) > 1],
     }
 
 
@@ -221,6 +221,6 @@ def _order(study: Study, rows: Sequence[Mapping[str, Any]], name: str) -> dict[s
     count = len(paper) * (len(paper) - 1) // 2
     sentence = (
         f"Order by {MEASURED[name]}, best first. Paper: {'; '.join(paper)}. Here: {'; '.join(here)}. "
-        f"{turned} of {counted(count, 'pair')} of rows are in the opposite order."
+        f"{turned} of {counted(count, 'pair')} of rows {'is' if turned == 1 else 'are'} in the opposite order."
     )
     return {"measure": name, "paper": paper, "here": here, "turned": turned, "of": count, "sentence": sentence}

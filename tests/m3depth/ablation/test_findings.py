@@ -144,3 +144,12 @@ def test_normals_without_truth_leave_their_columns_empty() -> None:
     report = findings(STUDIES["components"], scores)
     assert {part["verdict"] for part in report["comparisons"] if part["measure"] == "normal_mean"} == {None}
     assert all(row["here"]["normal_mean"] is None for row in report["rows"])
+
+
+def test_rows_without_figures_of_the_paper_have_no_order() -> None:
+    """The paper has no normals beside the weights of the loss."""
+    study = STUDIES["consistency"]
+    scores = {row.variant.name: {0: score({name: [1.0, 2.0] for name in study.columns})} for row in study.rows}
+    (order,) = findings(study, scores)["order"]
+    assert order["measure"] == "abs_rel" and order["of"] == 1
+    assert findings(STUDIES["parts"], {row.variant.name: {} for row in STUDIES["parts"].rows})["order"] == []
