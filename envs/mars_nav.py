@@ -164,9 +164,10 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     envs.world.slip.SlipConfig, which also says how much of the slip the odometry measures. A name alone measures none.
     Of a tuple of these, each scene draws one.
 
-    `eyes`: an envs.world.eyes.EyesConfig: pixels of the images and of the true depth, dust on the lenses, temperature
-    of the rig, compression, and `look_every`, the way after which the rover looks again. With it, the rover also looks
-    after each step without speed and yaw rate. Between two looks `depth` is 0, and `map` shows what is known.
+    `eyes`: an envs.world.eyes.EyesConfig: pixels of the images and of the true depth, dust on the lenses, sunlight that
+    they scatter, temperature of the rig, compression, and `look_every`, the way after which the rover looks again. With
+    it, the rover also looks after each step without speed and yaw rate. Between two looks `depth` is 0, and `map` shows
+    what is known.
 
     `condition`: the name of a condition, as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values. They
     replace those of the other arguments, and are the defaults of the options of `reset`. Of a tuple of conditions, as
