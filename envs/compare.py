@@ -5,7 +5,8 @@
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
 to the first method of the first file. A second table has the correlation of success and SPL with the errors
-of the depth on the way: which metric of the depth predicts drives.
+of the depth on the way: which metric of the depth predicts drives. Between them stands how the failures ended, and
+why, if they were recorded.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ import tyro
 from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table
 from envs.comparison.methods import methods_of
 from envs.comparison.plots import plot_comparison, plot_depth_metrics
-from envs.comparison.report import compare_methods, comparison_notes, comparison_table
+from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
-from envs.drives.report import in_table
+from envs.drives.report import failure_table, in_table
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
@@ -67,8 +68,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     """Compare the methods of the files.
 
     Returns:
-        The content of comparison.json: suite, split, track; rows and notes, as envs.comparison.report has them; dots
-        and correlations, as envs.comparison.depth_metrics has them.
+        The content of comparison.json: suite, split, track; rows, notes and failures, as envs.comparison.report has
+        them; dots and correlations, as envs.comparison.depth_metrics has them.
 
     Raises:
         DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
@@ -89,7 +90,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     dots = condition_dots(methods)
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
-        "notes": comparison_notes(methods), "dots": dots, "correlations": correlate(dots),
+        "notes": comparison_notes(methods), "failures": failures_of(methods), "dots": dots,
+        "correlations": correlate(dots),
     }  # fmt: skip
     if config.out is not None:
         with ResultFolder(config.out, "comparison").claim():
@@ -113,7 +115,9 @@ def page(content: Mapping[str, Any]) -> str:
     head = f"Suite {content['suite']}, split {content['split']}, track {content['track']}.\n\n"
     notes = "".join(f"- {in_table(note)}\n" for note in content["notes"])
     tables = f"{comparison_table(content['rows'])}\n{notes}"
-    return head + tables + (f"\n{correlation_table(content['correlations'])}" if content["correlations"] else "")
+    failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
+    correlations = correlation_table(content["correlations"]) if content["correlations"] else ""
+    return "\n".join(part for part in (head + tables, failures, correlations) if part)
 
 
 def _checked(config: CompareConfig) -> list[SuiteResults]:

@@ -299,7 +299,7 @@ def drive_recorded(config: EvaluateConfig, task: Task) -> tuple[EpisodeRecord, b
     if config.record == "none":
         return drive(config, task), None
     recorder = Recorder(_step_lines(config, task))
-    record = drive(config, task, recorder.watch)
+    record = replace(drive(config, task, recorder.watch), cause=recorder.cause)
     if config.record == "failures" and record.outcome == "goal":
         return record, None
     return record, recorder.drive_file(record, config.content())

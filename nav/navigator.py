@@ -48,6 +48,7 @@ from nav.ground.traversability import Traversability, assess
 from nav.looks import Looks
 from nav.mast import Mast
 from nav.path.footprint import arc_poses
+from nav.path.open_path import is_closed
 from nav.path.planner import Motion, Planner
 from nav.recovery import Recovery
 from nav.risk import RiskTaking
@@ -58,7 +59,6 @@ CARRIED_INSET = 0.15  # [m] by which the ground under the rover is smaller than 
 BUMP_RADIUS = 0.2  # [m] around a place where the rover bumped into something
 DEAD_END_RADIUS, DEAD_END_COST = 1.0, 3.0  # [m] around a dead end, and the extra cost of a metre there
 WAY_AHEAD = 3.0  # [m] of the far path along which the mast looks
-PATH_END = 1.0  # [m] from either end of the far path, within which an obstacle does not close it
 BEND = 0.2  # [rad] turned in a step from which a short motion leads round something
 
 
@@ -222,11 +222,11 @@ class Navigator:
             self._idle_drives = 0
             self.recovery.bump(place)
             self.planner.reset()
-        ground = self.ground = self._assess(place)
+        ground = self.ground = self.judge(place)
         self.planner.margin = self.config.planner.margin * self.risk.margin_share
         self.planner.update(self.map, ground, goal)
 
-        self.risk.update(self._is_closed(place, goal), self._is_hemmed_in(place, ground))
+        self.risk.update(is_closed(self.planner.field, place, goal), self._is_hemmed_in(place, ground))
         if self.risk.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
@@ -261,11 +261,21 @@ class Navigator:
         x, y = np.clip(self.map.cell_of(place[:2]), 0, self.map.n - 1)
         return bool(ground.inflated[y, x])
 
-    def _assess(self, place: np.ndarray) -> Traversability:
-        """Return the traversability, with bumps and dead ends, and without obstacles under the rover itself."""
+    def judge(
+        self, place: np.ndarray, elevation: ElevationMap | None = None, freed: np.ndarray | None = None
+    ) -> Traversability:
+        """Return the traversability of a map as this step judges it: with its bumps, dead ends, area and risk.
+
+        Args:
+            place: (3,) x, y [m], yaw [rad] of the rover, under which nothing is an obstacle.
+            elevation: The map, with the cells of the navigator's own; None for that one.
+            freed: (n, n) bool, cells that are no obstacles either, whatever the map shows; None for no others.
+        """
+        elevation = self.map if elevation is None else elevation
         half_length, half_width = self.spec.length / 2 - CARRIED_INSET, self.spec.width / 2 - CARRIED_INSET
-        carried = rectangle_mask(self.map, place, half_length, half_width)
-        ground = assess(self.map, self.spec, self.risk.rules, self._closed(), carried)
+        carried = rectangle_mask(elevation, place, half_length, half_width)
+        passable = carried if freed is None else carried | freed
+        ground = assess(elevation, self.spec, self.risk.rules, self._closed(), passable)
         if not self.recovery.dead_ends:
             return ground
         dead_ends = disc_mask(self.map, self.recovery.dead_ends, DEAD_END_RADIUS)
@@ -315,9 +325,3 @@ class Navigator:
             return 0.0
         way = path[-1] - next_pose[:2]
         return float(wrapped(float(np.arctan2(way[1], way[0])) - next_pose[2]))
-
-    def _is_closed(self, place: np.ndarray, goal: np.ndarray) -> bool:
-        """Return whether even the best path to the goal leads through known obstacles, away from both of its ends."""
-        path = self.planner.field.path(place, 2 * self.config.elevation.size)
-        from_ends = np.minimum(np.hypot(*(path - place[:2]).T), np.hypot(*(path - goal).T))
-        return bool((self.planner.field.is_inflated(path) & (from_ends > PATH_END)).any())

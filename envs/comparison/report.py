@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.comparison.methods import DrivenMethod, shared_episodes
 from envs.comparison.suite_results import Episode, Key
-from envs.drives.metrics import paired_scores, wilson_interval
+from envs.drives.metrics import count_failures, paired_scores, wilson_interval
 from envs.drives.report import bounds, in_table
 from m3depth.evaluation.bootstrap import interval, resampled_means
 from marssim.base.command.wording import counted
@@ -114,6 +114,23 @@ def comparison_notes(methods: Mapping[str, DrivenMethod]) -> list[str]:
         )
     notes += [f"{label}: driven {_driven_by(method, shared)}." for label, method in methods.items()]
     return notes
+
+
+def failures_of(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
+    """Return the failures of the compared episodes by method, outcome and cause, as count_failures does.
+
+    Args:
+        methods: By label.
+
+    Raises:
+        ValueError: The methods have no episode in common.
+    """
+    shared = shared_episodes(methods)
+    return count_failures(
+        (label, method.episodes[key]["outcome"], method.episodes[key].get("cause"))
+        for label, method in methods.items()
+        for key in shared
+    )
 
 
 def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:

@@ -151,6 +151,8 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
         return f"shortest must be {listed['shortest']:g} m, got {episode['shortest']:g}"
     if episode["success"] != (episode["outcome"] == "goal"):
         return f"success must not be {episode['success']} with the outcome {episode['outcome']}"
+    if episode["success"] and episode.get("cause") is not None:
+        return f"cause must be null for a drive that reached the goal, got {episode['cause']}"
     expected = spl(episode["success"], episode["shortest"], episode["path_length"])
     if abs(expected - episode["spl"]) > SAME_SPL:
         return f"spl must be {expected:.6f} by its ways, got {episode['spl']}"

@@ -124,6 +124,9 @@ class EpisodeRecord:
     slid downhill. None for wheels that do not slip, and for a drive without such a step."""
     energy: float | None = None
     """Energy of the wheels' motors [J]; None for wheels that do not slip."""
+    cause: str | None = None
+    """Why the drive failed, as envs.recording.failure_cause names it; None for one that reached the goal, that was not
+    recorded, or that the navigator did not drive."""
     code: str = ""
     """State of the sources that drove (envs.world.user_code.code_digest); "" where that was not recorded."""
     obstacles: list[list[float]] = field(default_factory=list)
@@ -201,7 +204,7 @@ def run_episode(
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=mean_of_measured(log.errors),
         blind=log.blind, looks=log.looks, **log.depth_errors(),
         near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
-        slip=mean_of_measured(log.slips), energy=info.get("energy"), code=code, obstacles=_obstacles(env),
+        slip=mean_of_measured(log.slips), energy=info.get("energy"), cause=None, code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
         headings=[round(float(state.yaw), 4) for state in log.states],
         shortest_path=_rounded(env.course.ground.way_to_goal(*env.course.start[:2])),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -210,3 +210,19 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
         "redraws": redraws,
         "unreachable_share": redraws / (redraws + n),
     }
+
+
+def count_failures(drives: Iterable[tuple[str, str, str | None]]) -> list[dict[str, Any]]:
+    """Return method, outcome, cause and number of the failures, the most frequent of each method first.
+
+    Args:
+        drives: Name of the method, outcome, and cause of each drive, as records of episodes have them.
+    """
+    counts = Counter(drive for drive in drives if drive[1] != "goal")
+    methods = list(dict.fromkeys(method for method, _, _ in counts))
+    return [
+        {"method": method, "outcome": outcome, "cause": cause, "failures": number}
+        for (method, outcome, cause), number in sorted(
+            counts.items(), key=lambda item: (methods.index(item[0][0]), -item[1])
+        )
+    ]

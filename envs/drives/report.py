@@ -9,7 +9,7 @@ from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import plot_maps
-from envs.drives.metrics import UNREACHABLE_MARK
+from envs.drives.metrics import UNREACHABLE_MARK, count_failures
 from envs.drives.plots import plot_success
 from envs.world.referee import GOAL_RADIUS
 from m3depth.evaluation.running_sums import NEAR_GROUND
@@ -29,6 +29,7 @@ courses."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 ONE_COURSE = "no interval: one course only"
+UNRECORDED = "not recorded"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
@@ -41,7 +42,7 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     """
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
-    page += looks_without_depth(records) + ground_as_sky(records) + soil(content["results"])
+    page += failures(records) + looks_without_depth(records) + ground_as_sky(records) + soil(content["results"])
     write_atomically(out / "results.md", (page + errors_beside(content["test_set_abs_rel"], records)).encode())
     plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
@@ -126,6 +127,23 @@ def errors_beside(test_set: Mapping[str, float], records: Sequence[EpisodeRecord
             ways = f"{way:.4f} on the way ({len(errors)} drives), {error:.4f} on the test set"
             lines.append(f"{in_table(perception)}: Abs Rel {ways}\n")
     return "".join(lines)
+
+
+def failure_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the rows of count_failures as a Markdown table; methods as text of such a table. "" if there are none."""
+    if not rows:
+        return ""
+    lines = [
+        f"| {row['method']} | {row['outcome'].replace('_', ' ')} | {row['cause'] or UNRECORDED} | {row['failures']} |"
+        for row in rows
+    ]
+    return "\n".join(["| method | outcome | cause | failures |", "|---|---|---|---|", *lines]) + "\n"
+
+
+def failures(records: Sequence[EpisodeRecord]) -> str:
+    """Return the table of failures by outcome and cause; "" if no drive failed."""
+    rows = count_failures((in_table(f"{r.driver}, {r.perception}"), r.outcome, r.cause) for r in records)
+    return f"\n{failure_table(rows)}\n" if rows else ""
 
 
 def soil(results: Sequence[Mapping[str, Any]]) -> str:

@@ -106,7 +106,7 @@ def _episode(record: EpisodeRecord) -> dict[str, Any]:
     success = record.outcome == "goal"
     return {
         "condition": record.cell.removeprefix("condition="), "course": record.episode, "driver": record.driver,
-        "perception": record.perception, "outcome": record.outcome,
+        "perception": record.perception, "outcome": record.outcome, "cause": record.cause,
         "success": success, "spl": spl(success, record.shortest, record.path_length), "shortest": record.shortest,
         "path_length": record.path_length, "distance": record.distance, "start_distance": record.start_distance,
         "steps": record.steps, "looks": record.looks, "abs_rel": record.abs_rel, "blind": record.blind,

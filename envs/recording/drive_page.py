@@ -18,6 +18,7 @@ import numpy as np
 
 from envs.drives.maps import OUTCOME_COLOURS
 from envs.recording.code_colours import code_colours
+from envs.recording.failure_cause import IN_WORDS, Cause
 from envs.recording.turning_point import turning_point
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive
@@ -110,8 +111,10 @@ def _shown(drive: DriveFile) -> dict[str, Any]:
     gap = "" if episode["outcome"] == "goal" else f", {last['distance']:.1f} m from the goal"
     seconds = episode["steps"] * content["step_seconds"]
     touched = "" if last["contact"] == "none" else f" The rover touched it with {_toucher(last['contact'])}."
+    cause = episode.get("cause")
+    why_failed = "" if cause is None else f": {IN_WORDS[Cause(cause)]}"
     summary = (
-        f"{ending} after {last['way']:.1f} m and {_minutes(seconds)}{gap}. The shortest way is "
+        f"{ending} after {last['way']:.1f} m and {_minutes(seconds)}{gap}{why_failed}. The shortest way is "
         f"{episode['shortest']:.1f} m long.{touched}"
     )
     keys = ("driver", "perception", "cell", "episode", "outcome", "goal", "obstacles", "shortest_path")

@@ -13,6 +13,7 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.drives.episodes import EpisodeRecord, Watch
 from envs.mars_nav import STEP_SECONDS, MarsNavEnv
+from envs.recording.failure_cause import DRIVING, Cause, TrueDepthBeside
 from envs.world.look_scores import in_range, look_abs_rel
 from envs.world.perception import Sight
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -46,6 +47,10 @@ class Recorder:
 
     Give `watch` to envs.drives.episodes.run_episode, then ask for the file. It draws nothing from the environment's
     random streams that the drive depends on.
+
+    Attributes:
+        cause: Why the drive failed; None before its end, for a drive that reached the goal, and for a driver that is
+            not the navigator.
     """
 
     def __init__(self, then: Watch | None = None) -> None:
@@ -60,6 +65,8 @@ class Recorder:
         self._rover: dict[str, float] = {}
         self._rig: StereoRig | None = None
         self._area: list[float] = []
+        self._beside: TrueDepthBeside | None = None
+        self.cause: Cause | None = None
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
         """Record a step.
@@ -81,6 +88,11 @@ class Recorder:
                 self._look(env, env.sight, step)
         else:  # the driver ended the drive
             self._steps[-1].update(action=None, outcome=env.outcome)
+        self._beside = self._beside or TrueDepthBeside(env)
+        if env.outcome == DRIVING:
+            self._beside.see(env)
+        else:
+            self.cause = self._beside.cause(env, driver)
         if self._then:
             self._then(env, driver, step)
 
@@ -93,7 +105,8 @@ class Recorder:
         """
         assert self._rig is not None
         content = {
-            "episode": asdict(record), "settings": dict(settings), "step_seconds": STEP_SECONDS, "rover": self._rover,
+            "episode": asdict(replace(record, cause=self.cause)), "settings": dict(settings),
+            "step_seconds": STEP_SECONDS, "rover": self._rover,
             "rig": self._rig.to_dict(), "area": self._area, "steps": self._steps,
         }  # fmt: skip
         return encode_drive(content, self._pictures)

@@ -122,6 +122,8 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
         words = f"SPL {spl(True, record.shortest, record.path_length):.2f}, {words}"
     elif record.near_miss:
         words += ", near miss"
+    if record.cause is not None:
+        words += f", {record.cause}"
     page = pages.get((record.driver, record.perception, record.cell, record.episode))
     if page is None:
         return f"<td>{badge} {words}</td>"

@@ -13,6 +13,7 @@ free.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -25,6 +26,7 @@ from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
 
 FEWEST_CELLS = 10  # of a side of the map
 DROP_COLUMNS = 128  # number of image columns in which drops are looked for, roughly
+LAYERS = {"top": np.nan, "low": np.nan, "weight": 0, "hidden_drop": False}  # of a map, and their values where unknown
 DROP_RAYS = 2  # number of image columns that must show the drop of a cell
 
 
@@ -141,7 +143,7 @@ class ElevationMap:
         n = self.n
         source = np.s_[max(0, dy) : min(n, n + dy), max(0, dx) : min(n, n + dx)]
         target = np.s_[max(0, -dy) : min(n, n - dy), max(0, -dx) : min(n, n - dx)]
-        for name, unknown in (("top", np.nan), ("low", np.nan), ("weight", 0), ("hidden_drop", False)):
+        for name, unknown in LAYERS.items():
             old = getattr(self, name)
             new = np.full_like(old, unknown)
             if abs(dx) < n and abs(dy) < n:
@@ -149,6 +151,19 @@ class ElevationMap:
             setattr(self, name, new)
         self.origin = self.origin + np.array([dx, dy]) * self.config.cell
         return True
+
+    def completed_by(self, other: ElevationMap) -> ElevationMap:
+        """Return a copy in which the cells that were never measured are those of another map of the same cells.
+
+        Raises:
+            ValueError: The cells of the two maps differ.
+        """
+        if self.n != other.n or not np.allclose(self.origin, other.origin, atol=self.config.cell / 2):
+            raise ValueError("the other map must have the same cells")
+        out, gap = copy(self), ~self.measured
+        for name in LAYERS:
+            setattr(out, name, np.where(gap, getattr(other, name), getattr(self, name)))
+        return out
 
     def assume_flat(self, pose: np.ndarray, radius: float) -> None:
         """Fill the unknown cells around the rover with the plane that it stands on.

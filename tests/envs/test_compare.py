@@ -36,6 +36,11 @@ def broken(key, value):
     return lambda content: content["episodes"][0].update({key: value})
 
 
+def arrived(content):
+    """Return an episode that reached the goal."""
+    return next(episode for episode in content["episodes"] if episode["success"])
+
+
 def seen(**values):
     """The first episode is one of another perception, which saw no rocks, with these values."""
     return lambda content: content["episodes"][0].update({"perception": "p", **NO_ROCKS, **values})
@@ -47,6 +52,8 @@ def seen(**values):
         (broken("spl", "high"), "episodes[0].spl must be of type number, got 'high'"),
         (broken("spl", 1.5), "episodes[0].spl must be at most 1, got 1.5"),
         (broken("outcome", "won"), "episodes[0].outcome must be one of goal, collision"),
+        (broken("cause", "bad luck"), "episodes[0].cause must be one of null, odometry error, known obstacle"),
+        (lambda c: arrived(c).update(cause="detour"), "cause must be null for a drive that reached the goal, got det"),
         (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
         (broken("spl", 0.123), "spl must be "),
         (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: appears twice"),
@@ -191,6 +198,22 @@ def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
         f"{driver}, ground_truth ({folder.name})" for folder in (suite_run, twin) for driver in ("straight", "random")
     ]
     assert rows[2]["less"]["difference"] == 0
+
+
+def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsys):
+    def fail(content):
+        failed = [episode for episode in content["episodes"] if not episode["success"]]
+        failed[0]["cause"] = "missed obstacle"
+
+    path = edited(fail)
+    rows = compare(CompareConfig((path,), suite=str(small_suite)))["failures"]
+    failures = sum(not episode["success"] for episode in json.loads(path.read_text())["episodes"])
+    assert sum(row["failures"] for row in rows) == failures > 1
+    assert [row["failures"] for row in rows if row["cause"] == "missed obstacle"] == [1]
+    assert main([str(path), "--suite", str(small_suite)]) == 0
+    page = capsys.readouterr().out
+    assert "| method | outcome | cause | failures |" in page and "| missed obstacle | 1 |" in page
+    assert "| not recorded |" in page
 
 
 def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite):

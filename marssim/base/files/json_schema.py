@@ -29,7 +29,8 @@ def first_fault(value: Any, schema: Mapping[str, Any], where: str = "") -> str |
         if not any(_is(value, kind) for kind in kinds):
             return f"{name} must be of type {' or '.join(kinds)}, got {value!r:.40}"
     if "enum" in schema and value not in schema["enum"]:
-        return f"{name} must be one of {', '.join(map(str, schema['enum']))}, got {value!r:.40}"
+        options = ", ".join("null" if option is None else str(option) for option in schema["enum"])
+        return f"{name} must be one of {options}, got {value!r:.40}"
     if isinstance(value, str) and "pattern" in schema and not re.fullmatch(schema["pattern"], value):
         return f"{name} must be {schema.get('description', 'a text of another form')}, got {value!r:.40}"
     if isinstance(value, int | float) and not isinstance(value, bool):

@@ -16,6 +16,7 @@ from envs.drives.report import (
     bounds,
     differences,
     errors_beside,
+    failures,
     ground_as_sky,
     looks_without_depth,
     soil,
@@ -76,6 +77,16 @@ def test_drives_of_other_code_are_reported():
     assert states_of_the_code([same, same]) == states_of_the_code([DRIVE]) == ""
     message = states_of_the_code([same, other, same, DRIVE])
     assert "2 by aa11, 1 by bb22, 1 by an unknown one" in message
+
+
+def test_failures_are_listed_by_outcome_and_cause():
+    assert failures([DRIVE]) == ""
+    stopped = replace(DRIVE, outcome="no_path", cause="false obstacles")
+    rows = failures([DRIVE, stopped, replace(DRIVE, outcome="time"), stopped]).split("\n")
+    assert rows[1:5] == [
+        "| method | outcome | cause | failures |", "|---|---|---|---|",
+        "| navigator, sgbm | no path | false obstacles | 2 |", "| navigator, sgbm | time | not recorded | 1 |",
+    ]  # fmt: skip
 
 
 def test_slip_and_energy_are_reported_where_wheels_slip():

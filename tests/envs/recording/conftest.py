@@ -56,3 +56,9 @@ def arrival(record_drive):
 def crash(record_drive):
     """The straight driver's drive against the rock, with eyes that see level ground only."""
     return record_drive("flat", StraightDriver(), Flat())
+
+
+@pytest.fixture(scope="session")
+def blind_crash(record_drive):
+    """The navigator's drive against the rock, with the same eyes."""
+    return record_drive("flat-navigator", NavigatorDriver(), Flat())

@@ -33,6 +33,11 @@ def test_a_page_holds_the_drive_its_pictures_and_how_it_ended(crash):
     assert "height" not in shown["pictures"] and len(page) < 3e6
 
 
+def test_a_page_says_why_a_drive_of_the_navigator_failed(blind_crash):
+    (shown,) = data_of(drive_page([blind_crash[0]]))["drives"]
+    assert ": it hit, or tilted on, an obstacle that its map lacks and that of true depth shows. " in shown["summary"]
+
+
 def test_a_page_asks_for_nothing_outside_itself(crash):
     text = drive_page([crash[0]]).decode()
     assert "default-src 'none'; img-src data:" in text

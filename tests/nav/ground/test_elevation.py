@@ -243,3 +243,18 @@ def test_wrong_shapes_are_refused():
         elevation.integrate(np.ones((192, 192)), np.ones((5, 5)), SMALL_RIG, np.eye(4))
     with pytest.raises(ValueError, match="cell"):
         ElevationConfig(cell=0)
+
+
+def test_a_map_is_completed_by_another_where_it_never_measured():
+    here, other = ElevationMap(), ElevationMap()
+    here.top[5, 5], here.low[5, 5], here.weight[5, 5] = 0.4, 0.3, 2.0
+    other.top[5:7, 5], other.low[5:7, 5], other.weight[5:7, 5] = 1.0, 0.9, 3.0
+    here.hidden_drop[6, 5] = True
+    out = here.completed_by(other)
+    assert (out.top[5, 5], out.weight[5, 5]) == (np.float32(0.4), 2.0)
+    assert (out.top[6, 5], out.low[6, 5], out.weight[6, 5]) == (1.0, np.float32(0.9), 3.0)
+    assert not out.possible_drop.any() and out.measured.sum() == 2
+    assert np.isnan(here.top[6, 5])  # the map itself stays as it is
+    other.recentre(np.array([18.0, 0.0]))
+    with pytest.raises(ValueError, match="the same cells"):
+        here.completed_by(other)
