@@ -78,8 +78,9 @@ class Navigator:
     """
 
     def __init__(
-        self, spec: RoverSpec = ZHURONG, config: NavigatorConfig | None = None, area: Area | None = None
-    ) -> None:
+        self, spec: RoverSpec = ZHURONG, config: NavigatorConfig | None = None, area: Area | None = None,
+        prior: ElevationMap | None = None,
+    ) -> None:  # fmt: skip
         """Make a navigator that has seen nothing.
 
         Args:
@@ -87,9 +88,12 @@ class Navigator:
             config: The settings; None for NavigatorConfig.of_rover(spec).
             area: (x0, y0, x1, y1) in the world [m], the operators' keep-in zone for the rover's middle; None for no
                 bounds.
+            prior: Heights that are known before the drive, on a map of any size: where no look has measured the ground,
+                the navigator drives by them. None if there are none.
 
         Raises:
-            ValueError: If the area is empty, or the rover cannot turn in place.
+            ValueError: If the area is empty, the cells of the prior are not of the navigator's size, or the rover
+                cannot turn in place.
         """
         if area is not None and not (area[0] < area[2] and area[1] < area[3]):
             raise ValueError(f"area must be x0 < x1 and y0 < y1 [m], got {area}")
@@ -100,7 +104,10 @@ class Navigator:
         self.spec = spec
         self.config = config or NavigatorConfig.of_rover(spec)
         self.area = area
+        self.prior = prior
         self.map = ElevationMap(self.config.elevation)
+        if prior is not None:
+            self.map.complete(prior)  # raises ValueError for cells of another size
         self.planner = Planner(spec, self.config.planner, self.map)
         self.reset()
 
@@ -185,6 +192,8 @@ class Navigator:
             self._nearest, self.recovery.attempts = np.inf, 0
             self.risk.reset()
         self.map.recentre(planar[:2])
+        if self.prior is not None:
+            self.map.complete(self.prior)
         # The ground under the rover carries it, seen or not.
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)

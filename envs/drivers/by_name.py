@@ -7,6 +7,7 @@ from typing import Any
 
 from envs.drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from envs.drivers.driver import Driver
+from envs.drivers.oracle import OracleDriver
 from envs.drivers.policy_files import PolicyDriver
 from m3depth.estimator import import_user_module
 from marssim.base.command.spelling import did_you_mean
@@ -15,6 +16,7 @@ FIELD = "`driver`"  # begins each message; a command replaces a name in ` ` by i
 # the drivers that come with the package
 DRIVERS: dict[str, type[Driver]] = {
     "navigator": NavigatorDriver,
+    "oracle": OracleDriver,
     "straight": StraightDriver,
     "random": RandomDriver,
 }

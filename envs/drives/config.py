@@ -51,7 +51,8 @@ class EvaluateConfig:
     out: Path
     """Folder for results.json, results.md, results.html, plots, maps, videos and the episodes."""
     driver: tuple[str, ...] = ("navigator",)
-    """Who drives: navigator (plans on a map of its depth), straight (heads for the goal, blind), random, a policy of
+    """Who drives: navigator (plans on a map of its depth), oracle (the navigator, which knows the true heights of the
+    whole course), straight (heads for the goal, blind), random, a policy of
     stable-baselines3 (FILE.zip), or package.module:Class. Several drivers are compared on the same courses."""
     perception: tuple[str, ...] = ("m3depth",)
     """Method that turns the images into depth: m3depth (the shipped weights), sgbm, ground_truth (true depth),

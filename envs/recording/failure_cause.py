@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from enum import StrEnum
 
 import numpy as np
@@ -116,7 +117,8 @@ class TrueDepthBeside:
         false = seen.blocked & really.known & ~really.blocked
         if opens(believed, navigator.judge(place, freed=false)):
             return Cause.FALSE_OBSTACLES
-        completed = believed.completed_by(true)
+        completed = deepcopy(believed)
+        completed.complete(true)
         if opens(completed, navigator.judge(place, completed)):
             return Cause.UNMEASURED_GROUND
         return Cause.BOTH

@@ -13,7 +13,6 @@ free.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -152,18 +151,23 @@ class ElevationMap:
         self.origin = self.origin + np.array([dx, dy]) * self.config.cell
         return True
 
-    def completed_by(self, other: ElevationMap) -> ElevationMap:
-        """Return a copy in which the cells that were never measured are those of another map of the same cells.
+    def complete(self, other: ElevationMap) -> None:
+        """Fill the cells that were never measured from another map of any size, where that one measured.
 
         Raises:
-            ValueError: The cells of the two maps differ.
+            ValueError: Cells of the two maps differ in size.
         """
-        if self.n != other.n or not np.allclose(self.origin, other.origin, atol=self.config.cell / 2):
-            raise ValueError("the other map must have the same cells")
-        out, gap = copy(self), ~self.measured
+        cell = self.config.cell
+        if other.config.cell != cell:
+            raise ValueError(f"the other map must have cells of {cell:g} m, got {other.config.cell:g} m")
+        dx, dy = (int(shift) for shift in np.round((self.origin - other.origin) / cell))
+        here = np.s_[max(0, -dy) : max(0, other.n - dy), max(0, -dx) : max(0, other.n - dx)]
+        rows, columns = self.top[here].shape
+        there = np.s_[max(0, dy) : max(0, dy) + rows, max(0, dx) : max(0, dx) + columns]
+        fill = ~self.measured[here] & other.measured[there]
         for name in LAYERS:
-            setattr(out, name, np.where(gap, getattr(other, name), getattr(self, name)))
-        return out
+            layer = getattr(self, name)[here]
+            layer[fill] = getattr(other, name)[there][fill]
 
     def assume_flat(self, pose: np.ndarray, radius: float) -> None:
         """Fill the unknown cells around the rover with the plane that it stands on.

@@ -7,7 +7,7 @@ import pytest
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.base.rover_spec import ZHURONG
-from nav import ElevationConfig, Navigator, NavigatorConfig
+from nav import ElevationConfig, ElevationMap, Navigator, NavigatorConfig
 from nav.path.footprint import arc_poses
 from nav.path.planner import Motion
 
@@ -297,3 +297,33 @@ def test_a_rover_that_cannot_turn_in_place_is_refused():
         ValueError, match=r"^spec: the navigator turns a rover in place, and this one cannot: .* 45 deg"
     ):
         Navigator(replace(ZHURONG, max_steer=np.deg2rad(45)))
+
+
+def test_a_wall_that_is_known_before_the_drive_is_driven_round_from_the_start():
+    """The wall is farther than depth reaches; the way left of it is closed too."""
+    prior = ElevationMap(ElevationConfig(size=60.0))
+    x, y = prior.centres()
+    behind = (np.abs(x[None, :] - 10.0) < 0.3) & (y[:, None] > -2.0)
+    prior.top[:], prior.low[:], prior.weight[:] = np.where(behind, 0.8, 0.0), 0.0, 1.0
+    depth = RockWorld().depth(SMALL_RIG, body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, 0.0))
+    depth = np.where(depth > 6.0, np.nan, depth)
+    paths = []
+    for navigator in (Navigator(), Navigator(prior=prior)):
+        for _ in range(2):
+            navigator.reset()
+            navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+            path = navigator.planner.field.path(np.zeros(3), 18.0)
+            paths.append(path[np.abs(path[:, 0] - 10.0) < 0.5, 1])
+    assert np.abs(paths[:2]).max() < 0.5 and (paths[2] < -2.5).all() and (paths[3] < -2.5).all()
+    with pytest.raises(ValueError, match=r"cells of 0.1 m, got 0.2 m"):
+        Navigator(prior=ElevationMap(ElevationConfig(cell=0.2)))
+
+
+def test_a_look_replaces_what_was_known_before_the_drive():
+    prior = ElevationMap()
+    prior.top[:], prior.low[:], prior.weight[:] = 0.5, 0.5, 1.0
+    navigator = Navigator(prior=prior)
+    assert navigator.map.top[200, 240] == 0.5
+    depth = RockWorld().depth(SMALL_RIG, body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, 0.0))
+    navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    assert abs(navigator.map.top[200, 240]) < 0.15 and navigator.map.top[200, 160] == 0.5

@@ -31,7 +31,9 @@ def test_every_driver_acts_within_the_space(make_env, name):
 
 
 def test_an_unknown_driver_is_named():
-    with pytest.raises(ValueError, match=r"'magic' is unknown; choose from navigator, straight, random, FILE\.zip"):
+    with pytest.raises(
+        ValueError, match=r"'magic' is unknown; choose from navigator, oracle, straight, random, FILE\.zip"
+    ):
         make_driver("magic")
 
 

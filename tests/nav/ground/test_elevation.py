@@ -248,13 +248,31 @@ def test_wrong_shapes_are_refused():
 def test_a_map_is_completed_by_another_where_it_never_measured():
     here, other = ElevationMap(), ElevationMap()
     here.top[5, 5], here.low[5, 5], here.weight[5, 5] = 0.4, 0.3, 2.0
-    other.top[5:7, 5], other.low[5:7, 5], other.weight[5:7, 5] = 1.0, 0.9, 3.0
     here.hidden_drop[6, 5] = True
-    out = here.completed_by(other)
-    assert (out.top[5, 5], out.weight[5, 5]) == (np.float32(0.4), 2.0)
-    assert (out.top[6, 5], out.low[6, 5], out.weight[6, 5]) == (1.0, np.float32(0.9), 3.0)
-    assert not out.possible_drop.any() and out.measured.sum() == 2
-    assert np.isnan(here.top[6, 5])  # the map itself stays as it is
-    other.recentre(np.array([18.0, 0.0]))
-    with pytest.raises(ValueError, match="the same cells"):
-        here.completed_by(other)
+    other.top[5:7, 5], other.low[5:7, 5], other.weight[5:7, 5] = 1.0, 0.9, 3.0
+    here.complete(other)
+    assert (here.top[5, 5], here.weight[5, 5]) == (np.float32(0.4), 2.0)
+    assert (here.top[6, 5], here.low[6, 5], here.weight[6, 5]) == (1.0, np.float32(0.9), 3.0)
+    assert not here.possible_drop.any() and here.measured.sum() == 2
+
+
+@given(shift=st.tuples(*[st.integers(-70, 70)] * 2), size=st.sampled_from([2.0, 6.0, 14.0]))
+@settings(max_examples=40, deadline=None)
+def test_cells_of_another_map_are_filled_in_where_they_lie(shift, size):
+    here, other = ElevationMap(ElevationConfig(size=6.0)), ElevationMap(ElevationConfig(size=size), (3.0, -2.0))
+    here.origin = here.origin + 0.1 * np.array(shift)
+    x, y = other.centres()
+    other.top[:], other.low[:], other.weight[:] = x[None, :], y[:, None], 1.0
+    here.complete(other)
+    x, y = here.centres()
+    inside = np.abs(y[:, None] + 2.0) < size / 2
+    inside = inside & (np.abs(x[None, :] - 3.0) < size / 2)
+    np.testing.assert_array_equal(here.measured, inside)
+    rows, columns = np.nonzero(inside)
+    np.testing.assert_allclose(here.top[inside], x[columns], atol=1e-4)
+    np.testing.assert_allclose(here.low[inside], y[rows], atol=1e-4)
+
+
+def test_a_map_of_other_cells_completes_none():
+    with pytest.raises(ValueError, match=r"cells of 0.1 m, got 0.2 m"):
+        ElevationMap().complete(ElevationMap(ElevationConfig(cell=0.2)))
