@@ -31,6 +31,8 @@ from marssim.scene.viewpoint import ViewConfig
 HERE = Path(__file__).parent / "images"
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "out" / "demo"
+PPO_LOG = ROOT / "docs" / "results" / "policy" / "log.jsonl"
+PPO_MEAN = 20  # rows of that log over which the thick line takes the mean
 TILE = 360  # [px] side of a tile of presets.jpg
 VIEW = ViewConfig(pitch_deg=(18.0, 22.0), roll_deg=(0.0, 0.0))  # little sky, and near ground with its pebbles
 SUN = (25.0, 40.0)  # [deg] elevation
@@ -75,7 +77,6 @@ COMMANDS = {
     "--rocks.k .15 --renderer scan",
     "fine/curves.png": "m3depth.train --data dust --out fine --init shipped --max-minutes 10 --batch 2 --lr 2e-4 "
     "--validate-every 20 --validate-samples 8",
-    "ppo/log.jsonl": "envs.train_ppo --out ppo --max-minutes 26 --workers 1",
 }
 
 
@@ -177,20 +178,23 @@ def navigator() -> np.ndarray:
     return shown[sorted(shown)[len(shown) // 2]]
 
 
-def ppo(folder: Path) -> np.ndarray:
-    """Return a plot of a PPO run's log: arrivals and reward over the choices."""
+def ppo() -> np.ndarray:
+    """Return a plot of the log of results/policy.md: arrivals and reward over the choices."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    rows = [json.loads(line) for line in (folder / "ppo" / "log.jsonl").read_text().splitlines()]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8), layout="constrained")
-    choices = [row["choices"] for row in rows]
-    left.plot(choices, [100 * row["arrived"] for row in rows])
-    left.set(xlabel="choices", ylabel="arrived [%]", ylim=(0, 100))
-    right.plot(choices, [row["reward"] for row in rows])
-    right.set(xlabel="choices", ylabel="reward")
+    rows = [json.loads(line) for line in PPO_LOG.read_text().splitlines()]
+    choices = np.array([row["choices"] for row in rows]) / 1000
+    figure, axes = plt.subplots(1, 2, figsize=(8, 2.8), layout="constrained")
+    values = {"goals reached [%]": [100 * row["arrived"] for row in rows], "reward": [row["reward"] for row in rows]}
+    for axis, (label, series) in zip(axes, values.items(), strict=True):
+        mean = np.convolve(series, np.ones(PPO_MEAN) / PPO_MEAN, "valid")
+        axis.plot(choices, series, linewidth=0.5, alpha=0.4)
+        axis.plot(choices[PPO_MEAN - 1 :], mean, color="C0")
+        axis.set(xlabel="thousand choices", ylabel=label)
+    axes[0].set_ylim(0, 100)
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())[..., :3]
 
@@ -249,7 +253,7 @@ def guides(folder: Path) -> None:
     save("guide_drive.jpg", picture(next((folder / "drive" / "maps").glob("*.png"))))
     save("guide_own_driver.jpg", picture(next((folder / "out" / "wary" / "maps").glob("*.png"))))
     save("guide_train.jpg", picture(folder / "fine" / "curves.png"))
-    save("guide_ppo.jpg", ppo(folder))
+    save("guide_ppo.jpg", ppo())
     save("guide_place.jpg", place(folder))
     save("guide_ditches.jpg", ditches())
     save("guide_heightmap.jpg", heightmap(folder))

@@ -37,6 +37,7 @@ RESULTS = "results.json"  # in the folder of an evaluation
 EPISODES = "episodes"  # folder of the records in it
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
 TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
+CAUSE = "cause"  # entry of a record
 NO_SETTINGS = "config does not hold the settings of an evaluation"
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
 PATHS = ("suite", "scene")  # may be files, of which other machines have copies elsewhere; SETTINGS has their digests
@@ -135,6 +136,8 @@ def _records(joined: EvaluateConfig, shards: Sequence[Path]) -> dict[str, Path]:
                 raise DatasetError(f"{file}: is the record of another episode than its name says")
             if unlike := _unlike(first := records.setdefault(task.file, file), file):
                 raise DatasetError(f"{file}: is another record of the episode than {first} ({unlike})")
+            if read_record(first).cause is None and read_record(file).cause is not None:
+                records[task.file] = file
     if missing := [task.file for task in joined.tasks if task.file not in records]:
         number = counted(len(missing), "episode")
         raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0]}")
@@ -153,8 +156,14 @@ def _check_earlier(folder: Path, records: Mapping[str, Path]) -> None:
 
 
 def _unlike(one: Path, other: Path) -> str:
-    """Return the first difference between two records, but for times; "" if there is none."""
+    """Return the first difference between two records, but for times; "" if there is none.
+
+    A cause that only one of them knows is none: that drive was recorded, and the other not.
+    """
     first, second = ({k: v for k, v in read_json(file).items() if k not in TIMES} for file in (one, other))
+    if first.get(CAUSE) is None or second.get(CAUSE) is None:
+        first.pop(CAUSE, None)
+        second.pop(CAUSE, None)
     return next(iter(differences(first, second)), "")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from time import perf_counter
 from typing import Any
 
@@ -55,6 +56,33 @@ class Cell:
     def content(self) -> dict[str, Any]:
         """Return the cell as results.json has it: k, slope_deg, and the condition if there is one."""
         return {name: value for name, value in vars(self).items() if name != "condition" or value is not None}
+
+
+class Cause(StrEnum):
+    """Why a drive of the navigator failed (envs.recording.failure_cause)."""
+
+    ODOMETRY = "odometry error"
+    """It ended away from the goal or beyond the ground, and believed otherwise."""
+    KNOWN_OBSTACLE = "known obstacle"
+    """It hit, or tilted on, an obstacle that the navigator's map shows."""
+    MISSED_OBSTACLE = "missed obstacle"
+    """It hit, or tilted on, an obstacle that the navigator's map lacks, and that of true depth shows."""
+    UNSEEN_OBSTACLE = "unseen obstacle"
+    """It hit, or tilted on, something that even the map of true depth does not show as an obstacle."""
+    FALSE_OBSTACLES = "false obstacles"
+    """Obstacles that are not there block the path: without them, a path is open."""
+    UNMEASURED_GROUND = "unmeasured ground"
+    """Ground without depth blocks the path: with its true heights, a path is open."""
+    BOTH = "false obstacles and unmeasured ground"
+    """A path is open only if both are corrected."""
+    OTHER_ERRORS = "other map errors"
+    """No path is open even then, but one is on the map of true depth."""
+    NO_TRUE_PATH = "no path with true depth"
+    """On the map of true depth, no path is open either."""
+    NO_PROGRESS = "no progress"
+    """A path was open on the navigator's map, and the rover was stuck."""
+    DETOUR = "detour"
+    """A path was open when the drive ended: it had taken too long, or left the ground."""
 
 
 @dataclass
@@ -125,8 +153,8 @@ class EpisodeRecord:
     energy: float | None = None
     """Energy of the wheels' motors [J]; None for wheels that do not slip."""
     cause: str | None = None
-    """Why the drive failed, as envs.recording.failure_cause names it; None for one that reached the goal, that was not
-    recorded, or that the navigator did not drive."""
+    """Why the drive failed, a value of Cause; None for one that reached the goal, that was not recorded, or that the
+    navigator did not drive."""
     code: str = ""
     """State of the sources that drove (envs.world.user_code.code_digest); "" where that was not recorded."""
     obstacles: list[list[float]] = field(default_factory=list)

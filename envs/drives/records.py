@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from envs.drives.episodes import EpisodeRecord
+from envs.drives.episodes import Cause, EpisodeRecord
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import LARGEST
 
@@ -43,6 +43,8 @@ def is_number(value: Any) -> bool:
 
 def _kind(name: str, annotation: str) -> tuple[str, Callable[[Any], bool]]:
     """Return a description of what a field must be, and a function that checks it."""
+    if name == "cause":
+        return f"one of {', '.join(Cause)}", lambda value: isinstance(value, str) and value in list(Cause)
     if annotation == "str":
         return "a word", lambda value: isinstance(value, str)
     if annotation == "bool":

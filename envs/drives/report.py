@@ -29,7 +29,7 @@ courses."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 ONE_COURSE = "no interval: one course only"
-UNRECORDED = "not recorded"
+UNKNOWN_CAUSE = "unknown"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
@@ -134,8 +134,8 @@ def failure_table(rows: Sequence[Mapping[str, Any]]) -> str:
     if not rows:
         return ""
     lines = [
-        f"| {row['method']} | {row['outcome'].replace('_', ' ')} | {row['cause'] or UNRECORDED} | {row['failures']} |"
-        for row in rows
+        f"| {r['method']} | {r['outcome'].replace('_', ' ')} | {r['cause'] or UNKNOWN_CAUSE} | {r['failures']} |"
+        for r in rows
     ]
     return "\n".join(["| method | outcome | cause | failures |", "|---|---|---|---|", *lines]) + "\n"
 

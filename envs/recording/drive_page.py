@@ -16,9 +16,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from envs.drives.episodes import Cause
 from envs.drives.maps import OUTCOME_COLOURS
 from envs.recording.code_colours import code_colours
-from envs.recording.failure_cause import IN_WORDS, Cause
+from envs.recording.failure_cause import IN_WORDS
 from envs.recording.turning_point import turning_point
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive

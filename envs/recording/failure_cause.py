@@ -3,47 +3,21 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from enum import StrEnum
 
 import numpy as np
 
-from envs.drivers.builtin import NavigatorDriver
-from envs.drivers.driver import Driver
+from envs.drives.episodes import Cause
 from envs.mars_nav import MarsNavEnv
-from nav.ground.elevation import ElevationMap
-from nav.ground.traversability import Traversability, assess
+from nav.ground.elevation import LAYERS, ElevationMap
+from nav.ground.traversability import assess
 from nav.navigator import Navigator
-from nav.path.footprint import footprint_distance
+from nav.path.footprint import footprint_discs
 from nav.path.open_path import is_open
 from nav.path.planner import Planner
 
-TOUCHED = 0.3  # [m] from the footprint, within which a cell belongs to what the rover hit: contacts, cells and map err
+TOUCHED = 0.3  # [m] from the footprint, within which a true obstacle may be what the rover hit
+SAME_OBSTACLE = 0.2  # [m] within which an obstacle on the other map is the same
 DRIVING = "driving"  # outcome of a drive that goes on
-
-
-class Cause(StrEnum):
-    """Why a drive failed."""
-
-    ODOMETRY = "odometry error"
-    """It ended away from the goal, as the rover's odometry erred."""
-    KNOWN_OBSTACLE = "known obstacle"
-    """It hit, or tilted on, an obstacle that the navigator's map shows."""
-    MISSED_OBSTACLE = "missed obstacle"
-    """It hit, or tilted on, an obstacle that the navigator's map lacks, and that of true depth shows."""
-    UNSEEN_OBSTACLE = "unseen obstacle"
-    """It hit, or tilted on, something that even the map of true depth does not show as an obstacle."""
-    FALSE_OBSTACLES = "false obstacles"
-    """Obstacles that are not there block the path: without them, a path is open."""
-    UNMEASURED_GROUND = "unmeasured ground"
-    """Ground without depth blocks the path: with its true heights, a path is open."""
-    BOTH = "false obstacles and unmeasured ground"
-    """False obstacles and unmeasured ground block the path together, and neither does alone."""
-    NO_TRUE_PATH = "no path with true depth"
-    """On the map of true depth, no path is open either."""
-    DETOUR = "detour"
-    """A path was open when the drive ended: it had taken too long, or led out of the ground."""
-
-
 IN_WORDS = {
     Cause.ODOMETRY: "its odometry erred",
     Cause.KNOWN_OBSTACLE: "it hit, or tilted on, an obstacle that its map shows",
@@ -51,83 +25,108 @@ IN_WORDS = {
     Cause.UNSEEN_OBSTACLE: "it hit, or tilted on, something that even the map of true depth does not show",
     Cause.FALSE_OBSTACLES: "obstacles that are not there blocked its path",
     Cause.UNMEASURED_GROUND: "ground without depth blocked its path",
-    Cause.BOTH: "obstacles that are not there and ground without depth blocked its path together",
+    Cause.BOTH: "obstacles that are not there and ground without depth blocked its path",
+    Cause.OTHER_ERRORS: "other errors of its map blocked its path",
     Cause.NO_TRUE_PATH: "on the map of true depth, no path was open either",
+    Cause.NO_PROGRESS: "a path was open on its map, but it did not move on",
     Cause.DETOUR: "a path was open, but it had taken too long or left the ground",
 }
 """The causes in words, as the rest of a sentence that begins with a colon."""
 
 
-class TrueDepthBeside:
-    """A second navigator that sees true depth from the places of a drive, and whose commands nobody follows.
+class TrueDepthMap:
+    """The map that a navigator would have if it saw true depth from the places of a drive.
 
     Call `see` after the reset and after each step that does not end the drive, and `cause` at its end.
     """
 
-    def __init__(self, env: MarsNavEnv) -> None:
-        """Make one for the drive that an environment begins."""
-        assert env.course is not None
-        self._navigator = Navigator(env.rover_spec, area=env.course.area)
+    def __init__(self, navigator: Navigator) -> None:
+        """Make the map of a navigator that has seen nothing yet."""
+        self._navigator = navigator
+        self._map = ElevationMap(navigator.config.elevation)
+        self._started = False
 
     def see(self, env: MarsNavEnv) -> None:
-        """Put the true depth of the present look on the second map."""
-        assert env.sight is not None and env.course is not None
-        sight = env.sight
-        self._navigator.step(
-            sight.true_depth, None, sight.rig, env.believed_pose, env.course.goal, env.gaze.pan,
-            between_looks=not env.gaze.fresh,
-        )  # fmt: skip
+        """Put the true depth of the present look on the map."""
+        assert env.sight is not None
+        pose, spec, sight = env.believed_pose, self._navigator.spec, env.sight
+        if not self._started:
+            self._map.clear(pose[:2, 3])
+            self._map.assume_flat(pose, self._navigator.config.clear_radius)
+            self._started = True
+        self._map.recentre(pose[:2, 3])
+        self._map.assume_under(pose, spec.length, spec.width)
+        if env.gaze.fresh and sight.true_depth is not None:
+            eye = pose @ spec.mount.left_eye(sight.rig.baseline, env.gaze.pan)
+            self._map.integrate(sight.true_depth, None, sight.rig, eye)
 
-    def cause(self, env: MarsNavEnv, driver: Driver) -> Cause | None:
+    def cause(self, env: MarsNavEnv) -> Cause | None:
         """Return why the drive failed that has just ended.
 
-        It is None for a drive that reached the goal, and for a driver that is not the navigator or has not decided yet.
+        It is None for a drive that reached the goal, for a navigator that has not decided anything, and for one that
+        knew heights before the drive, as its map then shows more than its depth.
         """
-        if not isinstance(driver, NavigatorDriver) or driver.command is None or env.course is None:
+        assert env.course is not None
+        if env.outcome in ("goal", DRIVING) or not self._started or self._navigator.prior is not None:
             return None
-        if env.outcome in ("goal", DRIVING):
-            return None
-        if env.outcome == "elsewhere":
-            return Cause.ODOMETRY
-        pose = env.believed_pose
+        pose, area = env.believed_pose, env.course.area
         place = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+        inside = area[0] <= place[0] <= area[2] and area[1] <= place[1] <= area[3]
+        if env.outcome == "elsewhere" or (env.outcome == "out_of_bounds" and inside):
+            return Cause.ODOMETRY
         if env.outcome in ("collision", "tilt"):
-            return self._cause_of_contact(driver.navigator, place)
-        return self._cause_of_blocked_path(driver.navigator, place, np.asarray(env.course.goal, dtype=float)[:2])
+            return self._cause_of_contact(place)
+        cause = self._cause_of_blocked_path(place, np.asarray(env.course.goal, dtype=float)[:2])
+        return Cause.NO_PROGRESS if cause is Cause.DETOUR and env.outcome == "stuck" else cause
 
-    def _cause_of_contact(self, navigator: Navigator, place: np.ndarray) -> Cause:
-        true = self._navigator.map
-        if _is_touched(navigator, navigator.map, place):
-            return Cause.KNOWN_OBSTACLE
-        return Cause.MISSED_OBSTACLE if _is_touched(navigator, true, place) else Cause.UNSEEN_OBSTACLE
+    def _cause_of_contact(self, place: np.ndarray) -> Cause:
+        """Return the cause of a contact at a place (3,): whether the maps show the obstacle that is nearest there.
 
-    def _cause_of_blocked_path(self, navigator: Navigator, place: np.ndarray, goal: np.ndarray) -> Cause:
-        believed, true = navigator.map, self._navigator.map
-        planner = Planner(navigator.spec, navigator.config.planner, believed)
+        The rules are those without extra risk: what the navigator drove over on purpose was known to it.
+        """
+        spec, rules = self._navigator.spec, self._navigator.config.traversability
+        cells = np.argwhere(assess(self._map, spec, rules).blocked)
+        x, y = self._map.centres()
+        room = _room(np.column_stack([x[cells[:, 1]], y[cells[:, 0]]]), place, self._navigator)
+        if not len(cells) or room.min() > TOUCHED:
+            return Cause.UNSEEN_OBSTACLE
+        rows, columns = cells[room <= room.min() + self._map.config.cell].T
+        beside = assess(self._navigator.map, spec, rules).clearance[rows, columns]
+        return Cause.KNOWN_OBSTACLE if beside.min() <= SAME_OBSTACLE else Cause.MISSED_OBSTACLE
+
+    def _cause_of_blocked_path(self, place: np.ndarray, goal: np.ndarray) -> Cause:
+        navigator, own, true = self._navigator, self._navigator.map, self._map
+        planner = Planner(navigator.spec, navigator.config.planner, own)
         planner.margin = navigator.planner.margin
 
-        def opens(elevation: ElevationMap, ground: Traversability) -> bool:
-            return is_open(planner, elevation, ground, place, goal)
+        def opens(elevation: ElevationMap) -> bool:
+            return is_open(planner, elevation, navigator.judge(place, elevation), place, goal)
 
-        seen, really = navigator.judge(place), navigator.judge(place, true)
-        if opens(believed, seen):
+        if opens(own):
             return Cause.DETOUR
-        if not opens(true, really):
+        if not opens(true):
             return Cause.NO_TRUE_PATH
-        false = seen.blocked & really.known & ~really.blocked
-        if opens(believed, navigator.judge(place, freed=false)):
+        true_ground = navigator.judge(place, true)
+        false = navigator.judge(place).blocked & true_ground.known & ~true_ground.blocked
+        gaps = ~own.measured & true.measured
+        if opens(_corrected(own, true, false)):
             return Cause.FALSE_OBSTACLES
-        completed = deepcopy(believed)
-        completed.complete(true)
-        if opens(completed, navigator.judge(place, completed)):
+        if opens(_corrected(own, true, gaps)):
             return Cause.UNMEASURED_GROUND
-        return Cause.BOTH
+        return Cause.BOTH if opens(_corrected(own, true, false | gaps)) else Cause.OTHER_ERRORS
 
 
-def _is_touched(navigator: Navigator, elevation: ElevationMap, place: np.ndarray) -> bool:
-    """Return whether a map shows an obstacle under or beside the rover at a place (3,), where it hit something.
+def _corrected(own: ElevationMap, true: ElevationMap, where: np.ndarray) -> ElevationMap:
+    """Return a copy of a map with the cells of another one in a mask (n, n)."""
+    out = deepcopy(own)
+    for name in LAYERS:
+        getattr(out, name)[where] = getattr(true, name)[where]
+    return out
 
-    The rules are those without extra risk: what the navigator drove over on purpose was known to it.
-    """
-    ground = assess(elevation, navigator.spec, navigator.config.traversability)
-    return bool(footprint_distance(ground.clearance, elevation, place, navigator.spec) < TOUCHED)
+
+def _room(points: np.ndarray, place: np.ndarray, navigator: Navigator) -> np.ndarray:
+    """Return the distances (m,) [m] of points (m, 2) from the discs that cover the footprint at a place (3,)."""
+    centres, radius = footprint_discs(navigator.spec)
+    c, s = np.cos(place[2]), np.sin(place[2])
+    discs = place[:2] + centres @ np.array([[c, s], [-s, c]])
+    return np.asarray(np.hypot(*(points[:, None] - discs).transpose(2, 0, 1)).min(axis=1) - radius)

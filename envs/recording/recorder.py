@@ -11,9 +11,9 @@ import numpy as np
 
 from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
-from envs.drives.episodes import EpisodeRecord, Watch
+from envs.drives.episodes import Cause, EpisodeRecord, Watch
 from envs.mars_nav import STEP_SECONDS, MarsNavEnv
-from envs.recording.failure_cause import DRIVING, Cause, TrueDepthBeside
+from envs.recording.failure_cause import DRIVING, TrueDepthMap
 from envs.world.look_scores import in_range, look_abs_rel
 from envs.world.perception import Sight
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -65,7 +65,7 @@ class Recorder:
         self._rover: dict[str, float] = {}
         self._rig: StereoRig | None = None
         self._area: list[float] = []
-        self._beside: TrueDepthBeside | None = None
+        self._true_map: TrueDepthMap | None = None
         self.cause: Cause | None = None
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
@@ -88,11 +88,12 @@ class Recorder:
                 self._look(env, env.sight, step)
         else:  # the driver ended the drive
             self._steps[-1].update(action=None, outcome=env.outcome)
-        self._beside = self._beside or TrueDepthBeside(env)
-        if env.outcome == DRIVING:
-            self._beside.see(env)
-        else:
-            self.cause = self._beside.cause(env, driver)
+        if isinstance(driver, NavigatorDriver):
+            self._true_map = self._true_map or TrueDepthMap(driver.navigator)
+            if env.outcome == DRIVING:
+                self._true_map.see(env)
+            else:
+                self.cause = self._true_map.cause(env)
         if self._then:
             self._then(env, driver, step)
 

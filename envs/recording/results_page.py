@@ -123,7 +123,7 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     elif record.near_miss:
         words += ", near miss"
     if record.cause is not None:
-        words += f", {record.cause}"
+        words += f", {escape(record.cause)}"
     page = pages.get((record.driver, record.perception, record.cell, record.episode))
     if page is None:
         return f"<td>{badge} {words}</td>"

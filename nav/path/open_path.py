@@ -34,14 +34,19 @@ def is_open(
     unknown.
 
     Args:
-        planner: A planner for maps of this size; it takes in this one.
+        planner: A planner for maps of this size; it forgets its last motion, and takes in this map.
         elevation: The map.
         ground: The judged ground.
         place: (3,) x, y [m], yaw [rad] of the rover.
         goal: (2,) goal in the world [m].
     """
+    planner.reset()
     planner.update(elevation, ground, goal)
     if is_closed(planner.field, place, goal):
         return False
     motion = planner.plan(elevation, ground, place, goal)
-    return motion is not None and bool(planner.field.at(motion.poses[-1, :2]) < planner.field.at(place[:2]))
+    if motion is None or planner.considered is None:
+        return False
+    end = planner.considered.end[planner.considered.cost.argmin()]  # where the next motion would begin
+    left = motion.poses[round(end / planner.config.spacing), :2]
+    return bool(planner.field.at(left) < planner.field.at(place[:2]))

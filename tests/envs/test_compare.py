@@ -213,7 +213,7 @@ def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsy
     assert main([str(path), "--suite", str(small_suite)]) == 0
     page = capsys.readouterr().out
     assert "| method | outcome | cause | failures |" in page and "| missed obstacle | 1 |" in page
-    assert "| not recorded |" in page
+    assert "| unknown |" in page
 
 
 def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite):

@@ -6,6 +6,7 @@ import pytest
 from recorded_drives import drive_bytes
 
 from envs.drives.config import EvaluateConfig
+from envs.drives.records import read_record
 from envs.evaluate import evaluate
 from envs.join import JoinConfig, join, main
 from marssim.base.files.json_file import DatasetError, as_json, read_json
@@ -131,6 +132,21 @@ def test_an_episode_that_two_shards_hold_must_be_the_same_but_for_times(shards, 
         with pytest.raises(DatasetError, match=r"is another record of the episode than .* \(outcome "):
             join(JoinConfig(order, tmp_path / "none"))
     assert not (tmp_path / "none").exists()
+
+
+def test_a_record_that_knows_the_cause_is_taken_and_joins_again(shards, tmp_path, monkeypatch):
+    monkeypatch.setattr("envs.join.write_results", lambda *_: ({}, []))
+    first = min((shards[0] / "episodes").glob("*.json"))
+    join(JoinConfig(shards, tmp_path / "all"))
+    other = shutil.copytree(shards[0], tmp_path / "other")
+    changed(other / "episodes", first.name, cause="detour")
+    for order in ((other, *shards), (*shards, other)):  # into the folder of before
+        join(JoinConfig(order, tmp_path / "all"))
+        assert read_record(tmp_path / "all" / "episodes" / first.name).cause == "detour"
+    third = shutil.copytree(other, tmp_path / "third")
+    changed(third / "episodes", first.name, cause="odometry error")
+    with pytest.raises(DatasetError, match=r"is another record of the episode than .* \(cause "):
+        join(JoinConfig((other, third, shards[1]), tmp_path / "none"))
 
 
 def test_a_shard_that_was_stopped_before_its_report_is_named(shards, tmp_path):

@@ -43,6 +43,7 @@ def test_what_was_written_is_read(written):
         ("relief", [[1.0], [1.0, 2.0]], "must be rows of as many numbers"),
         ("near_miss", 1, "must be true or false, got 1"),
         ("outcome", 3, "must be a word, got 3"), ("goal", [1, "x"], r"must be two numbers, got \[1, 'x'\]"),
+        ("cause", "<b>luck</b>", "must be one of odometry error, known obstacle, .*, got '<b>luck</b>'"),
         ("track", [1.0, 2.0], "must be rows of 2 numbers"),
         ("track", 7, "must be rows of 2 numbers, one or more, got 7"),
     ],

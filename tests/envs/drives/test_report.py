@@ -85,7 +85,7 @@ def test_failures_are_listed_by_outcome_and_cause():
     rows = failures([DRIVE, stopped, replace(DRIVE, outcome="time"), stopped]).split("\n")
     assert rows[1:5] == [
         "| method | outcome | cause | failures |", "|---|---|---|---|",
-        "| navigator, sgbm | no path | false obstacles | 2 |", "| navigator, sgbm | time | not recorded | 1 |",
+        "| navigator, sgbm | no path | false obstacles | 2 |", "| navigator, sgbm | time | unknown | 1 |",
     ]  # fmt: skip
 
 

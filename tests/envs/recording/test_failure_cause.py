@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
-from envs.drivers.builtin import NavigatorDriver, StraightDriver
-from envs.recording.failure_cause import IN_WORDS, Cause, TrueDepthBeside
+from envs.comparison.schema import results_schema
+from envs.drives.episodes import Cause
+from envs.recording.failure_cause import IN_WORDS, TrueDepthMap
 from envs.world.perception import Sight
 from marssim.base.dataset.drive_file import drive_schema
 from marssim.base.rover_spec import ZHURONG
+from nav.ground.elevation import ElevationMap
+from nav.navigator import Navigator
 
 AREA = (-4.0, -3.0, 9.0, 3.0)
 PLAIN = RockWorld()
@@ -16,15 +19,15 @@ WALL = RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 6.0, 0.6]]))  # from border to 
 AHEAD = RockWorld(domes=np.array([[2.2, 0.0, 0.4, 0.5]]))
 
 
-def end_of(true, believed, outcome, at=0.0, unknown=None):
+def end_of(true, believed, outcome, at=0.0, unknown=None, area=AREA, prior=None):
     """Return the cause of a drive of 2.75 m straight ahead to x = `at` [m], with the depth of another world.
 
     unknown: a function of the x of what pixels see [m] that tells where the depth is unknown.
     """
     env = SimpleNamespace(rover_spec=ZHURONG, outcome="driving", gaze=SimpleNamespace(pan=0.0, fresh=True))
-    env.course = SimpleNamespace(area=AREA, goal=np.array([8.0, 0.0]))
-    driver, beside = NavigatorDriver(), TrueDepthBeside(env)
-    driver.reset(env, 0)
+    env.course = SimpleNamespace(area=area, goal=np.array([8.0, 0.0]))
+    navigator = Navigator(ZHURONG, area=area, prior=prior)
+    beside = TrueDepthMap(navigator)
     for step, pan in enumerate((0.6, 0.0, -0.6, 0.0) * 3):
         x = at - 0.25 * (11 - step)  # it moves at each step, or the navigator would note that it bumped into something
         env.believed_pose, env.gaze.pan = body_pose(x, 0.0, 0.0), pan
@@ -34,15 +37,16 @@ def end_of(true, believed, outcome, at=0.0, unknown=None):
             ground_x = eye[0, 3] + depth * (SMALL_RIG.camera.rays() @ eye[:3, :3].T)[..., 0]
             depth = np.where(unknown(ground_x), np.nan, depth)
         env.sight = Sight(depth, np.ones_like(depth), SMALL_RIG, eye, pan, true_depth=truth)
-        driver.act(env, {})
+        navigator.step(depth, None, SMALL_RIG, env.believed_pose, env.course.goal, pan)
         beside.see(env)
     env.outcome = outcome
-    return beside.cause(env, driver)
+    return beside.cause(env)
 
 
-@pytest.mark.parametrize("outcome", ["no_path", "time", "stuck"])
-def test_a_wall_that_is_not_there_blocks_the_path(outcome):
-    assert end_of(PLAIN, WALL, outcome) is Cause.FALSE_OBSTACLES
+@pytest.mark.parametrize("at", [0.0, 2.3, 2.6])
+@pytest.mark.parametrize("outcome", ["no_path", "stuck"])
+def test_a_wall_that_is_not_there_blocks_the_path(outcome, at):
+    assert end_of(PLAIN, WALL, outcome, at) is Cause.FALSE_OBSTACLES
 
 
 def test_a_true_wall_blocks_the_path_with_true_depth_too():
@@ -52,6 +56,17 @@ def test_a_true_wall_blocks_the_path_with_true_depth_too():
 
 def test_a_rover_that_ran_out_of_time_on_open_ground_took_a_detour():
     assert end_of(PLAIN, PLAIN, "time") is Cause.DETOUR
+    for left in (2.5, 1.8, 1.2):  # near the goal, motions lead beyond it
+        assert end_of(PLAIN, PLAIN, "time", 8.0 - left, area=(-9.0, -9.0, 19.0, 9.0)) is Cause.DETOUR
+
+
+def test_a_rover_that_is_stuck_on_open_ground_made_no_progress():
+    assert end_of(PLAIN, PLAIN, "stuck") is Cause.NO_PROGRESS
+
+
+def test_ground_that_is_left_without_knowing_it_is_an_error_of_the_odometry():
+    assert end_of(PLAIN, PLAIN, "out_of_bounds") is Cause.ODOMETRY
+    assert end_of(PLAIN, PLAIN, "out_of_bounds", area=(-4.0, -3.0, -0.5, 3.0)) is not Cause.ODOMETRY
 
 
 def test_ground_without_depth_before_the_rover_blocks_the_path():
@@ -75,6 +90,13 @@ def test_what_the_rover_hit_is_looked_up_on_both_maps(true, believed, cause, out
     assert end_of(true, believed, outcome, at=0.9) is cause
 
 
+@pytest.mark.parametrize("gap", [0.2, 0.35])
+def test_a_known_rock_beside_the_rover_does_not_hide_the_missed_one_before_it(gap):
+    beside = [0.9, ZHURONG.width / 2 + 0.3 + gap, 0.3, 0.5]
+    true = RockWorld(domes=np.array([[2.1, 0.0, 0.4, 0.5], beside]))
+    assert end_of(true, RockWorld(domes=np.array([beside])), "collision", at=0.9) is Cause.MISSED_OBSTACLE
+
+
 def test_an_obstacle_elsewhere_is_not_what_the_rover_hit():
     assert end_of(AHEAD, AHEAD, "collision", at=0.0) is Cause.UNSEEN_OBSTACLE
 
@@ -83,11 +105,15 @@ def test_a_drive_that_ends_elsewhere_was_led_there_by_its_odometry():
     assert end_of(PLAIN, PLAIN, "elsewhere") is Cause.ODOMETRY
 
 
-def test_an_arrival_and_other_drivers_have_no_cause():
+def test_an_arrival_and_a_drive_that_has_not_begun_have_no_cause():
     assert end_of(PLAIN, PLAIN, "goal") is None
-    env = SimpleNamespace(rover_spec=ZHURONG, course=SimpleNamespace(area=AREA), outcome="collision")
-    assert TrueDepthBeside(env).cause(env, StraightDriver()) is None
-    assert TrueDepthBeside(env).cause(env, NavigatorDriver()) is None  # it has not decided anything
+    env = SimpleNamespace(course=SimpleNamespace(area=AREA), outcome="collision")
+    assert TrueDepthMap(Navigator()).cause(env) is None
+
+
+def test_a_navigator_that_knew_heights_before_the_drive_has_no_cause():
+    prior = ElevationMap()
+    assert end_of(PLAIN, WALL, "no_path", prior=prior) is None
 
 
 def test_a_recorded_crash_of_the_navigator_names_the_rock_that_its_eyes_missed(blind_crash, crash, arrival):
@@ -97,6 +123,7 @@ def test_a_recorded_crash_of_the_navigator_names_the_rock_that_its_eyes_missed(b
     assert crash[0].content["episode"]["cause"] is None
 
 
-def test_every_cause_has_words_and_a_place_in_the_schema():
-    listed = drive_schema()["properties"]["episode"]["properties"]["cause"]["enum"]
-    assert set(IN_WORDS) == set(Cause) and listed == [None, *Cause]
+def test_every_cause_has_words_and_a_place_in_the_schemas():
+    of_drive = drive_schema()["properties"]["episode"]["properties"]["cause"]["enum"]
+    of_results = results_schema()["properties"]["episodes"]["items"]["properties"]["cause"]["enum"]
+    assert set(IN_WORDS) == set(Cause) and of_drive == of_results == [None, *Cause]
