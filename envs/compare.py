@@ -4,9 +4,9 @@
     python -m envs.compare out/mine out/theirs --out out/comparison
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
-to the first method of the first file. A second table has the correlation of success and SPL with the errors
-of the depth on the way: which metric of the depth predicts drives. Between them stands how the failures ended, and
-why, if they were recorded.
+to the first method of the first file. A second table has the failures: how they ended, and why, if they were recorded.
+A third one has the correlation of success and SPL with the errors of the depth on the way: which metric of the depth
+predicts drives.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The navigator with a true map of the whole course: what a drive loses beside it, better eyes could win."""
+"""The navigator with a true map of the whole course, which shows what drives lose by what is out of sight."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from nav.navigator import Navigator
 ABOVE = 150.0  # [m] height above the ground from which it is measured, so that rocks hide none of it
 TILE = 200  # cells along a side of one of the views from there
 ACROSS = 3  # pixels along a side of a cell
-CERTAIN = 1e9  # weight of the measured cells [1 / m2], so that no look changes them
+CERTAIN = 1e9  # weight of the measured cells [1 / m2]: a look only raises what stands out, and lowers the ground
 
 
 class OracleDriver(NavigatorDriver):
     """nav.Navigator, which knows the true heights of the whole course from the start, and is fed with the environment's
     depth beside them.
 
-    Its depth changes nothing on the map, only where it looks. It is no competitor: it shows what the navigator reaches
-    where nothing is hidden or out of sight.
+    A look raises the top of a cell, or lowers its ground, where it shows a higher or a lower point, and changes nothing
+    else on the map. This driver is no competitor: it shows what the navigator reaches where nothing is out of sight.
     """
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
