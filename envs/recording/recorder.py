@@ -101,13 +101,12 @@ class Recorder:
         """Return the content of the drive's file.
 
         Args:
-            record: The record of the episode.
+            record: The record of the episode, with its cause.
             settings: The settings of the evaluation.
         """
         assert self._rig is not None
         content = {
-            "episode": asdict(replace(record, cause=self.cause)), "settings": dict(settings),
-            "step_seconds": STEP_SECONDS, "rover": self._rover,
+            "episode": asdict(record), "settings": dict(settings), "step_seconds": STEP_SECONDS, "rover": self._rover,
             "rig": self._rig.to_dict(), "area": self._area, "steps": self._steps,
         }  # fmt: skip
         return encode_drive(content, self._pictures)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def record_drive(make_scene, make_course, tmp_path_factory):
             outcome = run_episode(env, driver, Cell(), 5, 0, (driver_name(driver), name), recorder.watch)
         env.close()
         path = tmp_path_factory.mktemp("drives") / f"{name}.zip"
-        path.write_bytes(recorder.drive_file(outcome, {"seed": 5}))
+        path.write_bytes(recorder.drive_file(replace(outcome, cause=recorder.cause), {"seed": 5}))
         return read_drive(path), outcome
 
     return record
