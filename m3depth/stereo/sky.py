@@ -50,13 +50,20 @@ def possible_sky(
         plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
         if plane is not None:
             above = candidates & ~_below_horizon(plane, camera)
-    _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=4)
-    at_border = np.unique(labels[0][above[0]])
-    sky = above & np.isin(labels, at_border)
+    border = np.zeros_like(above)
+    border[0] = True
+    sky = _parts_with(border, above, 4)
     held = confidence >= CONFIDENT
     held[-1] = True
-    _, labels = cv2.connectedComponents((~sky).astype(np.uint8), connectivity=8)
-    return sky | ~np.isin(labels, np.unique(labels[held & ~sky]))
+    return ~_parts_with(held, ~sky, 8)
+
+
+def _parts_with(marked: np.ndarray, mask: np.ndarray, connectivity: int) -> np.ndarray:
+    """Return the connected parts of a mask (H, W) that have a marked pixel."""
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=connectivity)
+    kept = np.zeros(count, dtype=bool)
+    kept[labels[marked & mask]] = True
+    return kept[labels]
 
 
 def ground_plane(pixels: np.ndarray, disparity: np.ndarray, camera: PinholeCamera) -> np.ndarray | None:
@@ -95,4 +102,6 @@ def _downward(plane: np.ndarray, camera: PinholeCamera) -> np.ndarray:
 def _below_horizon(plane: np.ndarray, camera: PinholeCamera) -> np.ndarray:
     """Return the pixels (H, W) that look more than BELOW_HORIZON below the horizon of a plane, d = a u + b v + c."""
     normal, rays = _downward(plane, camera), camera.rays()
-    return rays @ normal > np.sin(BELOW_HORIZON) * np.linalg.norm(normal) * np.linalg.norm(rays, axis=-1)
+    x, y = rays[:1, :, 0], rays[:, :1, 1]
+    down = x * normal[0] + (y * normal[1] + normal[2])
+    return down > np.sin(BELOW_HORIZON) * np.linalg.norm(normal) * np.sqrt(x * x + (y * y + 1))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,10 +62,15 @@ def render_stereo(
         colour = light_at_detector(renderer, shader, rig.camera, pose, view, footprint, sensor.sun_glare)
         return replace(view, shading_normal=SHADED, detail=SHADED), colour
 
-    (left_view, left), (right_view, right) = (
-        in_threads(seen, (pose, right_pose), 2) if at_once else map(seen, (pose, right_pose))
-    )
-    left_image, right_image = sensor.expose_pair(left, right, left_view.hit, rng)
+    (left_view, left), (right_view, right) = _both(seen, (pose, right_pose), at_once)
+
+    def images() -> tuple[np.ndarray, np.ndarray]:
+        return sensor.expose_pair(left, right, left_view.hit, rng)
+
+    def hidden() -> np.ndarray:
+        return occlusion(renderer, rig, pose, left_view, right_view, rotation)
+
+    (left_image, right_image), occluded = _both(lambda job: job(), (images, hidden), at_once)
     return StereoFrame(
         left=left_image,
         right=right_image,
@@ -72,11 +78,16 @@ def render_stereo(
         disparity=image_disparity(rig, left_view.depth, rotation),
         normal=left_view.normal,
         surface=left_view.surface,
-        occluded=occlusion(renderer, rig, pose, left_view, right_view, rotation),
+        occluded=occluded,
         rig=rig,
         pose=pose,
         right_rotation=rotation,
     )
+
+
+def _both(work: Callable[[Any], Any], jobs: tuple[Any, Any], at_once: bool) -> Iterable[Any]:
+    """Return the results of two jobs, which run in two threads if they are done at once."""
+    return in_threads(work, jobs, 2) if at_once else map(work, jobs)
 
 
 def occlusion(

@@ -1,5 +1,6 @@
 """Speed is printed, never asserted: `make bench`."""
 
+import os
 from collections.abc import Callable
 from time import perf_counter
 from typing import Any
@@ -20,7 +21,9 @@ def clock(capsys: pytest.CaptureFixture[str]) -> Callable[..., float]:
             function()
             times.append(perf_counter() - start)
         with capsys.disabled():
-            print(f"\n{name:<58} {np.median(times) * 1e3:9.1f} ms   (min {min(times) * 1e3:.1f}, {runs} runs)", end="")
+            threads = os.environ["OMP_NUM_THREADS"]  # tests/conftest.py sets it to 1, `make bench` to all cores
+            more = f"(min {min(times) * 1e3:.1f}, {runs} runs, OMP_NUM_THREADS={threads})"
+            print(f"\n{name:<58} {np.median(times) * 1e3:9.1f} ms   {more}", end="")
         return float(np.median(times))
 
     return measure
