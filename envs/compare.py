@@ -37,7 +37,7 @@ class CompareConfig:
     """Check results of a suite, and compare them."""
 
     results: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Files results.json of envs.evaluate --suite, or the folders that hold them."""
+    """Results of envs.evaluate --suite: files results.json, or the folders that hold them."""
     out: Path | None = None
     """Folder for comparison.json, comparison.md, comparison.png and depth_metrics.png. Left out: the tables are only
     printed."""
@@ -47,8 +47,8 @@ class CompareConfig:
     suite: str | None = None
     """Name or file of the suite, for one that is not in the package."""
     check: bool = False
-    """Only check the files: that they keep to the schema, hold every episode once, and contradict neither themselves
-    nor the suite."""
+    """Only check the files: that they keep to the schema, hold every episode that they name once, and contradict
+    neither themselves nor the suite. Says how many episodes of the split each of them holds."""
 
     def __post_init__(self) -> None:
         if not self.results:
@@ -57,7 +57,9 @@ class CompareConfig:
         for path in self.results:
             file = results_file(path).resolve()
             if file in read:
-                raise ValueError(f"{path} is given twice{f', also as {read[file]}' if read[file] != path else ''}")
+                raise ValueError(
+                    f"the file {path} is given twice{f', also as {read[file]}' if read[file] != path else ''}"
+                )
             read[file] = path
         if self.check and (self.out is not None or self.track != "both"):
             given = "--track" if self.out is None else "--out"
@@ -77,7 +79,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
         FolderInUse: Another command writes to --out.
         ValueError: No method is on the track, or the methods have no episode in common.
     """
-    files = _checked(config)
+    files = [read_results(path, config.suite) for path in config.results]
     for file in files[1:]:
         if (file.suite, file.split) != (files[0].suite, files[0].split):
             raise DatasetError(
@@ -116,12 +118,8 @@ def page(content: Mapping[str, Any]) -> str:
     notes = "".join(f"- {in_table(note)}\n" for note in content["notes"])
     tables = f"{comparison_table(content['rows'])}\n{notes}"
     failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
-    correlations = correlation_table(content["correlations"]) if content["correlations"] else ""
+    correlations = correlation_table(content["correlations"])
     return "\n".join(part for part in (head + tables, failures, correlations) if part)
-
-
-def _checked(config: CompareConfig) -> list[SuiteResults]:
-    return [read_results(path, config.suite) for path in config.results]
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -133,10 +131,25 @@ def _work(config: CompareConfig) -> None:
     if not config.check:
         print(page(compare(config)), end="")
         return
-    for file in _checked(config):
-        methods = "; ".join(", ".join(method) for method in file.episodes)
-        number = sum(map(len, file.episodes.values()))
-        print(f"{file.path}: {counted(number, 'episode')} of {file.suite}, {file.split}: {methods}")
+    refused = []
+    for path in config.results:
+        try:
+            print(_in_words(read_results(path, config.suite)))
+        except DatasetError as error:
+            if len(config.results) == 1:
+                raise
+            refused.append(path)
+            print(error)
+    if refused:
+        raise DatasetError(f"{len(refused)} of {counted(len(config.results), 'file')} cannot be true: see above")
+
+
+def _in_words(file: SuiteResults) -> str:
+    """Return a line on the content of a file."""
+    driven = len(next(iter(file.episodes.values())))
+    methods = "; ".join(", ".join(method) for method in file.episodes)
+    whole = f"all {driven} episodes" if driven == file.of_split else f"{driven} of {file.of_split} episodes"
+    return f"{file.path}: {whole} of {file.suite}, {file.split}, by {methods}"
 
 
 if __name__ == "__main__":

@@ -19,7 +19,8 @@ from typing import Annotated, Any
 import tyro
 
 from envs.comparison.methods import fullest_runtime
-from envs.drives.config import EvaluateConfig
+from envs.comparison.suite_results import RESULTS
+from envs.drives.config import EvaluateConfig, shard_of
 from envs.drives.records import read_record
 from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
@@ -33,7 +34,6 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
-RESULTS = "results.json"  # in the folder of an evaluation
 EPISODES = "episodes"  # folder of the records in it
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
 TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
@@ -60,6 +60,9 @@ class JoinConfig:
     def __post_init__(self) -> None:
         if not self.shards:
             raise ValueError("name the folders of one shard or more")
+        for n, folder in enumerate(self.shards):
+            if folder.resolve() in (other.resolve() for other in self.shards[:n]):
+                raise ValueError(f"the folder {folder} is given twice")
 
 
 def join(config: JoinConfig) -> dict[str, Any]:
@@ -105,7 +108,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
     )
     if unlike := differences(_shared(marks[0]), as_json(joined.content())):
         raise DatasetError(f"{first / SETTINGS}: does not belong to its results.json ({unlike[0]})")
-    records = _records(joined, config.shards)
+    records = _records(joined, config.shards, _absent([content["config"].get("shard") for content in contents]))
     with results.claim():
         _check_earlier(config.out / EPISODES, records)
         (config.out / EPISODES).mkdir(exist_ok=True)
@@ -120,8 +123,20 @@ def join(config: JoinConfig) -> dict[str, Any]:
         return write_results(joined, driven_by, test_errors)[0]
 
 
-def _records(joined: EvaluateConfig, shards: Sequence[Path]) -> dict[str, Path]:
-    """Return the record of every episode of the joined evaluation, by the name of its file.
+def _absent(shards: Sequence[Any]) -> str:
+    """Return words on the shards I/N that are not among some; "" if that is not clear."""
+    try:
+        given = [shard_of(shard) for shard in shards]
+    except (TypeError, ValueError):
+        return ""
+    parts = {total for _, total in given}
+    total = max(parts)
+    absent = [f"{part + 1}/{total}" for part in range(total) if (part, total) not in given] if len(parts) == 1 else []
+    return f"; not given: shard {', '.join(absent)}" if absent else ""
+
+
+def _records(joined: EvaluateConfig, shards: Sequence[Path], absent: str) -> dict[str, Path]:
+    """Return the record of every episode of the joined evaluation, by the name of its file; absent: of _absent.
 
     Raises:
         DatasetError: A record is damaged or of another episode, two shards have records of an episode that differ in
@@ -140,7 +155,7 @@ def _records(joined: EvaluateConfig, shards: Sequence[Path]) -> dict[str, Path]:
                 records[task.file] = file
     if missing := [task.file for task in joined.tasks if task.file not in records]:
         number = counted(len(missing), "episode")
-        raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, as {missing[0]}")
+        raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, such as {missing[0]}{absent}")
     return records
 
 

@@ -14,7 +14,8 @@ from envs.drives.report import bounds
 from envs.world.perception import GROUND_TRUTH
 from m3depth.evaluation.bootstrap import DRAWS, interval
 
-FEWEST = 3  # dots that a correlation needs
+FEWEST = 3  # dots that a correlation needs, and that must differ from the others in the metric
+FEWEST_CONDITIONS = 4  # that its interval needs
 DIGITS = 12  # decimals of scores and metrics that count, as means of equal values may differ by rounding
 SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
 
@@ -112,18 +113,20 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
     Returns:
         Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), logarithmic
-        (whether Pearson's is with the logarithm), and spearman and pearson, each with its 95 % interval. There is no
-        row of fewer than three dots, or where all have one value.
+        (whether Pearson's is with the logarithm), and spearman and pearson, each with its 95 % interval, None with
+        fewer than four conditions. There is no row of fewer than three dots, where fewer than three (of three dots:
+        two) differ in the metric from the value that most have, or where all have one score.
     """
     rows = []
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
         for name, metric in METRICS.items():
             both = [dot for dot in dots if dot[name] is not None and dot[score] is not None]
             x, y = (np.array([dot[key] for dot in both], float).round(DIGITS) for key in (name, score))
-            if len(both) < FEWEST:
+            conditions = [dot["condition"] for dot in both]
+            if len(both) < FEWEST or len(x) - np.unique(x, return_counts=True)[1].max() < min(FEWEST, len(x) - 1):
                 continue
             logarithmic = metric.logarithmic and x.min() > 0
-            weights = _resampled([dot["condition"] for dot in both])
+            weights = _resampled(conditions)
             of_each = {
                 "spearman": correlation(ranks(x, weights), ranks(y, weights), weights),
                 "pearson": correlation(np.log(x) if logarithmic else x, y, weights),
@@ -133,7 +136,8 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": bool(logarithmic)}
             for kind, values in of_each.items():
                 row[kind] = float(values[0])
-                row[f"{kind}_interval"] = list(interval(values[np.isfinite(values)]))
+                enough = len(set(conditions)) >= FEWEST_CONDITIONS
+                row[f"{kind}_interval"] = list(interval(values[np.isfinite(values)])) if enough else None
             rows.append(row)
     return rows
 
@@ -144,24 +148,34 @@ def correlation_of(rows: Sequence[Mapping[str, Any]], score: str, metric: str) -
 
 
 def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows of correlate as a Markdown table, with a note on what they are."""
+    """Return the rows of correlate as a Markdown table, with a note on what they are; without rows, say why."""
+    if not rows:
+        return (
+            f"No correlation of scores with the depth: it takes {FEWEST} methods and conditions or more that differ in "
+            "an error of the depth and in a score.\n"
+        )
     lines = [
         "| score | metric of the depth | dots | Spearman (95 %) | Pearson (95 %) |", "|---|---|---|---|---|",
         *(
             f"| {_score_in_words(row['score'])} | {METRICS[row['metric']].words} | {row['dots']} "
-            + "".join(
-                f"| {row[kind]:+.2f}{bounds(row[f'{kind}_interval'], 1, '+.2f')} " for kind in ("spearman", "pearson")
-            )
+            + "".join(f"| {correlation_in_words(row, kind)} " for kind in ("spearman", "pearson"))
             + ("by the logarithm |" if row["logarithmic"] else "|")
             for row in rows
         ),
     ]  # fmt: skip
     note = (
-        "A dot is a method under a condition. Intervals are by the bootstrap over the conditions. By the logarithm: "
-        "the correlation with the logarithm of the metric. Less true depth: less the score of the same driver with "
-        "true depth on the same courses, which leaves out how hard a condition is for any eyes."
+        "A dot is a method under a condition. Intervals are by the bootstrap over the conditions, where there are "
+        f"{FEWEST_CONDITIONS} or more. By the logarithm: the correlation with the logarithm of the metric. Less true "
+        "depth: less the score of the same driver with true depth on the same courses, which leaves out how hard a "
+        "condition is for any eyes."
     )
     return "\n".join([*lines, "", note]) + "\n"
+
+
+def correlation_in_words(row: Mapping[str, Any], kind: str) -> str:
+    """Return a correlation of a row of correlate, "spearman" or "pearson", with its interval if it has one."""
+    ends = row[f"{kind}_interval"]
+    return f"{row[kind]:+.2f}{bounds(ends, 1, '+.2f') if ends else ''}"
 
 
 def _score_in_words(score: str) -> str:

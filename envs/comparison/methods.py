@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from envs.comparison.suite_results import Episodes, Key, Method, SuiteResults
+from envs.comparison.suite_results import RESULTS, Episodes, Key, Method, SuiteResults
 from envs.world.perception import GROUND_TRUTH
 from m3depth.runtimes.choice import same_runtime
 from marssim.base.files.json_file import DatasetError
@@ -49,7 +49,8 @@ def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, 
     A method in parts of one evaluation is one method: parts of the same suite, conditions, number of courses and
     number of parts, driven with the same weights and in the same program, none of which has an episode of another.
     Where they have, parts that the same code drove belong together. What belongs together does not depend on the order
-    of the files. A method that remains in several files is labelled with the folder of each.
+    of the files. A method that remains in several files is labelled with the folder of each results.json, and with the
+    name of a file that is called otherwise.
 
     Raises:
         DatasetError: Parts of several evaluations are there, and nothing tells which belong together.
@@ -67,7 +68,8 @@ def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, 
     out: dict[str, DrivenMethod] = {}
     for method, parts in entries:
         path = parts[0].path
-        label = ", ".join(method) + (f" ({path.parent.name or path})" if number[method] > 1 else "")
+        source = path.parent.name if path.name == RESULTS else path.stem
+        label = ", ".join(method) + (f" ({source or path})" if number[method] > 1 else "")
         if label in out:
             label = f"{', '.join(method)} ({path})"
         episodes = {key: episode for part in parts for key, episode in part.episodes[method].items()}

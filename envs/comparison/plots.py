@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
-from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_of
-from envs.drives.report import bounds
+from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_in_words, correlation_of
+from envs.comparison.report import FEWEST_COURSES, OVERALL
 from m3depth.figures.drawing import save
 
 SPREAD = 0.7  # of the height of a condition, over which its methods lie
-LABELLED = 6  # dots of a panel that are labelled with their condition: those with the lowest scores
+LABELLED = 10  # dots of a panel that are labelled with their condition, if there is room: those of the lowest scores
+LABEL_HEIGHTS = (-2, 3, -7)  # [pt] of a label over its dot, in the order in which they are tried
+DOT = 3  # [px] half the width of a dot
+LOG_TICKS = (1, 2, 5)  # of each decade
 
 
 def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Plot success and SPL by condition, and what they are less those of the first method, one colour a method.
 
-    Bars are 95 % intervals: in the two panels on the right, those of the paired differences.
+    Bars are 95 % intervals: in the two panels on the right, those of the paired differences. There is none by the
+    bootstrap over fewer than FEWEST_COURSES courses.
 
     Args:
         path: File of the picture.
@@ -36,6 +44,8 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         of_method = [row for row in rows if row["method"] == method]
         aside = SPREAD * ((n + 0.5) / len(methods) - 0.5)
         at = np.arange(len(of_method)) + aside
+        few = np.array([row["courses"] < FEWEST_COURSES for row in of_method])
+        few_overall = few & [row["condition"] == OVERALL for row in of_method]
         values = [
             ([100 * row["success_rate"] for row in of_method], [row["success_interval"] for row in of_method], 100),
             ([row["spl"] for row in of_method], [row["spl_interval"] for row in of_method], 1),
@@ -46,15 +56,15 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
                 ([100 * each["difference"] for each in less], [each["interval"] for each in less], 100),
                 ([each["spl_difference"] for each in less], [each["spl_interval"] for each in less], 1),
             ]
-        for axes, (middle, ends, scale) in zip(panels, values, strict=False):
+        for axes, (middle, ends, scale), without in zip(panels, values, (few_overall, few) * 2, strict=False):
             low, high = scale * np.array(ends).T
-            error = np.abs(np.vstack([middle - low, high - middle]))
+            error = np.where(without, np.nan, np.abs(np.vstack([middle - low, high - middle])))
             axes.errorbar(middle, at, xerr=error, fmt="o", color=f"C{n}", ms=3.5, lw=1.2, capsize=1.5, label=method)
     panels[0].set(xlabel="success [%]", xlim=(-4, 104))
     panels[1].set(xlabel="SPL", xlim=(-0.04, 1.04))
     if len(methods) > 1:
-        panels[2].set(xlabel="success less first [points]")
-        panels[3].set(xlabel="SPL less first")
+        panels[2].set(xlabel="success, difference to first [points]")
+        panels[3].set(xlabel="SPL, difference to first")
     for axes in panels:
         axes.grid(axis="x", alpha=0.3)
         for n in range(0, len(conditions), 2):
@@ -76,14 +86,14 @@ def plot_depth_metrics(
 ) -> None:
     """Plot success and SPL over each metric of the depth on the way, a dot for each condition and method.
 
-    Metrics that are 0 everywhere are left out.
+    Metrics without a correlation are left out, such as one that is 0 nearly everywhere.
 
     Args:
         path: File of the picture.
         dots: Of envs.comparison.depth_metrics.condition_dots, some of them with metrics.
-        correlations: Of envs.comparison.depth_metrics.correlate.
+        correlations: Of envs.comparison.depth_metrics.correlate, not empty.
     """
-    shown = [name for name in METRICS if any(dot[name] for dot in dots)]
+    shown = [name for name in METRICS if any(row["metric"] == name for row in correlations)]
     colours = {method: f"C{n}" for n, method in enumerate(dict.fromkeys(dot["method"] for dot in dots))}
     figure = Figure(figsize=(4.4 * len(shown) + 0.6, 7.4), dpi=110, layout="constrained")
     panels = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False)
@@ -94,18 +104,13 @@ def plot_depth_metrics(
                 if of_method := [dot for dot in with_metric if dot["method"] == method]:
                     x, y = (np.array([dot[name] for dot in of_method]) for name in (metric, score))
                     axes.plot(x, scale * y, "o", color=colour, ms=5, alpha=0.8, mew=0, label=method)
-            most = max(dot[metric] for dot in with_metric)
-            for n, dot in enumerate(sorted(with_metric, key=lambda dot: dot[score])[:LABELLED]):
-                right = dot[metric] > most / 2
-                axes.annotate(
-                    dot["condition"].replace("_", " "), (dot[metric], scale * dot[score]),
-                    (-5 if right else 5, -7 if n % 2 else 3), ha="right" if right else "left", fontsize=6.5,
-                    textcoords="offset points", color="#555",
-                )  # fmt: skip
             axes.set_title(_correlation_in_words(correlation_of(correlations, score, metric)), fontsize=8)
             axes.grid(alpha=0.3)
             if METRICS[metric].logarithmic and min(dot[metric] for dot in with_metric) > 0:
                 axes.set_xscale("log")
+                axes.xaxis.set_major_locator(LogLocator(subs=LOG_TICKS))
+                axes.xaxis.set_major_formatter("{x:g}")
+                axes.xaxis.set_minor_formatter(NullFormatter())
         row[0].set_ylabel(words)
     for axes, metric in zip(panels[-1], shown, strict=True):
         axes.set_xlabel(METRICS[metric].words)
@@ -114,13 +119,35 @@ def plot_depth_metrics(
         handles, labels, loc="outside upper center", ncols=min(len(labels), 3), fontsize=8,
         title="a dot for each condition and method", title_fontsize=8,
     )  # fmt: skip
+    figure.draw_without_rendering()  # places the panels, and with them the labels
+    for row, (score, (_, scale)) in zip(panels, SCORES.items(), strict=True):
+        for axes, metric in zip(row, shown, strict=True):
+            _label_lowest(axes, [
+                (dot["condition"].replace("_", " "), dot[metric], scale * dot[score])
+                for dot in dots if dot[metric] is not None
+            ])  # fmt: skip
     save(figure, path)
+
+
+def _label_lowest(axes: Axes, dots: Sequence[tuple[str, float, float]]) -> None:
+    """Write the words of the LABELLED lowest dots (words, x, y) beside them, where they cover no dot and no others."""
+    around = np.array([[-DOT, -DOT], [DOT, DOT]])
+    taken = [Bbox(around + place) for place in axes.transData.transform([(x, y) for _, x, y in dots])]
+    for words, x, y in sorted(dots, key=lambda dot: dot[2])[:LABELLED]:
+        for right, up in product((True, False), LABEL_HEIGHTS):
+            label = axes.annotate(
+                words, (x, y), (5 if right else -5, up), ha="left" if right else "right", fontsize=6.5,
+                textcoords="offset points", color="#555",
+            )  # fmt: skip
+            box = label.get_window_extent()
+            inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0
+            if inside and box.y1 <= axes.bbox.y1 and not any(box.overlaps(other) for other in taken):
+                taken.append(box)
+                break
+            label.remove()
 
 
 def _correlation_in_words(row: Mapping[str, Any] | None) -> str:
     if row is None:
         return f"no correlation: fewer than {FEWEST} dots, or all alike"
-    return "\n".join(
-        f"{name.capitalize()} {row[name]:+.2f}{bounds(row[f'{name}_interval'], 1, '+.2f')}"
-        for name in ("spearman", "pearson")
-    )
+    return "\n".join(f"{kind.capitalize()} {correlation_in_words(row, kind)}" for kind in ("spearman", "pearson"))

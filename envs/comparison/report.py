@@ -16,12 +16,12 @@ from m3depth.evaluation.bootstrap import interval, resampled_means
 from marssim.base.command.wording import counted
 
 OVERALL = "all"  # row over all conditions
-ONE_COURSE = " (one course only)"  # instead of an interval
+FEWEST_COURSES = 4  # that a bootstrap over the courses needs
 SHOWN = 12  # digits of a digest that a note shows
 
 
 def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
-    """Return a row for each condition and method, those over all conditions last.
+    """Return a row for each condition and method, those over all conditions last, if there are several.
 
     Only episodes that all methods have driven count, so that all rows of a condition hold for the same courses.
 
@@ -41,7 +41,7 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
     first = next(iter(methods))
     conditions = list(dict.fromkeys(condition for condition, _ in shared))
     rows = []
-    for condition in (*conditions, OVERALL):
+    for condition in (*conditions, OVERALL) if len(conditions) > 1 else conditions:
         keys = [key for key in shared if condition in (OVERALL, key[0])]
         drives = {label: {key: scores(method.episodes[key]) for key in keys} for label, method in methods.items()}
         for label, driven in drives.items():
@@ -54,7 +54,7 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
                     "condition": condition, "method": label, "episodes": len(keys),
                     "courses": len(set(courses)), "success_rate": success,
                     "success_interval": list(
-                        interval(means[:, 0]) if condition == OVERALL and len(conditions) > 1
+                        interval(means[:, 0]) if condition == OVERALL
                         else wilson_interval(success * len(keys), len(keys))
                     ),
                     "spl": weighted, "spl_interval": list(interval(means[:, 1])),
@@ -68,26 +68,28 @@ def comparison_table(rows: list[dict[str, Any]]) -> str:
     """Return the rows of compare_methods as a Markdown table."""
     first = rows[0]["method"]
     lines = [
-        "| condition | method | courses | success (95 %) | SPL (95 %) | success less first | SPL less first |",
+        "| condition | method | drives | success (95 %) | SPL (95 %) | success, difference to first "
+        "| SPL, difference to first |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        less = row["less"]
-        courses = row["courses"]
+        less, courses = row["less"], row["courses"]
+        of_success = courses if row["condition"] == OVERALL else None
         differences = ("-", "-") if less is None else (
-            f"{100 * less['difference']:+.0f} points{_ends(less['interval'], 100, '+.0f', courses)}",
+            f"{100 * less['difference']:+.0f} points{_ends(less['interval'], 100, '+.0f', of_success)}",
             f"{less['spl_difference']:+.3f}{_ends(less['spl_interval'], 1, '+.3f', courses)}",
         )  # fmt: skip
+        drives = str(row["episodes"]) if row["episodes"] == courses else f"{row['episodes']} on {courses} courses"
         lines.append(
-            f"| {row['condition']} | {in_table(row['method'])} | {row['episodes']} "
-            f"| {100 * row['success_rate']:.0f} %{_ends(row['success_interval'], 100, '.0f', courses)} "
+            f"| {row['condition']} | {in_table(row['method'])} | {drives} "
+            f"| {100 * row['success_rate']:.0f} %{_ends(row['success_interval'], 100, '.0f', of_success)} "
             f"| {row['spl']:.3f}{_ends(row['spl_interval'], 1, '.3f', courses)} | {differences[0]} | {differences[1]} |"
         )
     note = (
         f"The differences are those to {in_table(first)} on the same courses, with 95 % intervals. That of success "
         "under a condition is Newcombe's interval for paired proportions. That of SPL, and those over all of several "
-        "conditions, are by the paired bootstrap over the courses. A difference without an interval is the same on all "
-        "courses."
+        f"conditions, are by the paired bootstrap over the courses, where there are {FEWEST_COURSES} courses or more. "
+        "Another difference without an interval is the same on all courses."
     )
     return "\n".join([*lines, "", note]) + "\n"
 
@@ -138,7 +140,7 @@ def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
     states = Counter(method.episodes[key].get("code") or "an unknown state" for key in shared)
     counts = ", ".join(f"{counted(number, 'episode')} by {state}" for state, number in states.most_common())
     words = f"by code {next(iter(states))}" if len(states) == 1 else f"by different states of the code ({counts})"
-    words += f", in {method.runtime}" if method.runtime else ""
+    words += f", in {method.runtime}" if method.runtime and method.perception in method.weights else ""
     return words + "".join(f", {name} with SHA-256 {digest[:SHOWN]}" for name, digest in method.weights.items())
 
 
@@ -156,6 +158,6 @@ def scores(episode: Episode) -> tuple[float, float]:
     return float(episode["success"]), float(episode["spl"])
 
 
-def _ends(ends: Sequence[float], scale: float, digits: str, courses: int) -> str:
-    """Return an interval in words; why there is none where it has no width for want of courses."""
-    return bounds(ends, scale, digits) or (ONE_COURSE if courses == 1 else "")
+def _ends(ends: Sequence[float], scale: float, digits: str, courses: int | None) -> str:
+    """Return an interval in words; "" for one by the bootstrap over too few courses, None for one by another method."""
+    return "" if courses is not None and courses < FEWEST_COURSES else bounds(ends, scale, digits)

@@ -23,6 +23,7 @@ from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.files.json_schema import first_fault
 from marssim.base.rover_spec import ZHURONG
 
+RESULTS = "results.json"  # in the folder of an evaluation
 SAME_SPL = 1e-6  # by which SPL may differ from that of the ways
 AIR = 0.05  # [m] by which a way may be shorter than its straight line
 STEP_WAY = ZHURONG.max_speed * STEP_SECONDS  # [m] that the rover drives in a step at most
@@ -51,6 +52,8 @@ class SuiteResults:
     """Split that was driven."""
     episodes: Mapping[Method, Episodes]
     """The episodes of each method, in the order of the file."""
+    of_split: int
+    """Episodes of the whole split."""
     part: Mapping[str, Any] | None = None
     """What the parts of one evaluation have in common, where the file is one of them."""
     weights: Mapping[str, str] = field(default_factory=dict)
@@ -61,7 +64,7 @@ class SuiteResults:
 
 def results_file(path: Path) -> Path:
     """Return the file of results that a path names: itself, or the results.json in a folder."""
-    return path / "results.json" if path.is_dir() else path
+    return path / RESULTS if path.is_dir() else path
 
 
 def read_results(path: Path, suite: str | None = None) -> SuiteResults:
@@ -86,7 +89,10 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
         )
     listed = load_suite(suite or head["name"])
     if (listed.name, listed.sha256) != (head["name"], head["sha256"]):
-        raise DatasetError(f"{path}: is of {head['name']} with another content than {listed.name} here")
+        raise DatasetError(
+            f"{path}: is of another version of {head['name']}: its suite has the SHA-256 {head['sha256']:.12}, and "
+            f"{listed.name} here {listed.sha256:.12}"
+        )
     if head["split"] not in listed.splits:
         raise DatasetError(f"{path}: suite.split {head['split']!r} is none of {', '.join(listed.splits)}")
     if head["courses"] > (most := listed.splits[head["split"]]["courses"]):
@@ -113,9 +119,12 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
         if missing := sorted(asked - of_method.keys()):
             (condition, course), number = missing[0], counted(len(missing), "episode")
             are = "is" if len(missing) == 1 else "are"
-            raise DatasetError(f"{path}: {', '.join(method)}: {number} {are} missing, as {condition}, course {course}")
+            raise DatasetError(
+                f"{path}: {', '.join(method)}: {number} {are} missing, such as {condition}, course {course}"
+            )
+    of_split = sum(split == head["split"] for split, _, _ in listed.episodes)
     weights, runtime = content.get(WEIGHTS, {}), content.get(RUNTIME)
-    return SuiteResults(path, listed.name, head["split"], driven, _part(head), weights, runtime)
+    return SuiteResults(path, listed.name, head["split"], driven, of_split, _part(head), weights, runtime)
 
 
 def _part(head: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -26,7 +26,24 @@ def edited(suite_run, tmp_path):
 
 def test_results_that_hold_are_described(suite_run, small_suite, capsys):
     assert main([str(suite_run), "--check", "--suite", str(small_suite)]) == 0
-    assert "8 episodes of small-v1, dev: straight, ground_truth; random, ground_truth" in capsys.readouterr().out
+    assert (
+        ": all 4 episodes of small-v1, dev, by straight, ground_truth; random, ground_truth" in capsys.readouterr().out
+    )
+
+
+def test_every_file_is_checked_and_part_of_a_split_is_called_so(suite_run, small_suite, tmp_path, capsys):
+    bad, part = tmp_path / "bad.json", tmp_path / "part.json"
+    content = json.loads((suite_run / "results.json").read_text())
+    bad.write_text("{}")
+    kept = [episode for episode in content["episodes"] if episode["condition"] == "clear"]
+    suite = {**content["suite"], "conditions": ["clear"]}
+    part.write_text(json.dumps({**content, "episodes": kept, "suite": suite}))
+    assert main([*map(str, (bad, part, suite_run)), "--check", "--suite", str(small_suite)]) == 2
+    out, error = capsys.readouterr()
+    first, second, third = out.splitlines()
+    assert first.startswith(f"{bad}: ") and f"{part}: 2 of 4 episodes of small-v1" in second
+    assert ": all 4 episodes of small-v1" in third
+    assert error == "error: 1 of 3 files cannot be true: see above\n"
 
 
 NO_ROCKS = {"rocks": 0, "rocks_missed": 0, "false_obstacles": 0}
@@ -58,9 +75,9 @@ def seen(**values):
         (broken("spl", 0.123), "spl must be "),
         (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: appears twice"),
         (lambda c: c["episodes"][0].update(success=not c["episodes"][0]["success"]), "success must not be "),
-        (lambda c: c["episodes"].pop(), "1 episode is missing, as rare_looks, course 1"),
+        (lambda c: c["episodes"].pop(), "1 episode is missing, such as rare_looks, course 1"),
         (lambda c: c.pop("suite"), "the file has no suite"), (lambda c: c["episodes"].clear(), "holds no episode"),
-        (lambda c: c["suite"].update(sha256="0"), "is of small-v1 with another content than small-v1 here"),
+        (lambda c: c["suite"].update(sha256="0"), "is of another version of small-v1: its suite has the SHA-256 0, "),
         (lambda c: c["suite"].update(split="x"), "suite.split 'x' is none of dev, test"),
         (lambda c: c["suite"].update(name="../other"), "suite.name must be a name of letters, digits"),
         (lambda c: c["suite"].update(courses=3), "suite.courses must be at most 2, got 3"),
@@ -146,7 +163,7 @@ def test_a_shard_must_hold_the_whole_of_its_part(edited, small_suite, capsys):
     content["episodes"] = content["episodes"][:-1]
     path.write_text(json.dumps(content))
     assert main([str(path), "--check", "--suite", str(small_suite)]) == 2
-    assert "1 episode is missing, as rare_looks, course 1" in capsys.readouterr().err
+    assert "1 episode is missing, such as rare_looks, course 1" in capsys.readouterr().err
 
 
 def test_methods_of_several_files_are_compared_by_course(
@@ -182,7 +199,9 @@ def test_methods_of_several_files_are_compared_by_course(
         [row["less"]["spl_difference"] for row in rows if row["method"] == "random, theirs"]
     )
     page = (out / "comparison.md").read_text()
-    assert "| all | random, theirs | 4 | 100 % |" in page and "Suite small-v1, split dev, track both" in page
+    assert (
+        "| all | random, theirs | 4 on 2 courses | 100 % |" in page and "Suite small-v1, split dev, track both" in page
+    )
     methods = {
         row["method"] for row in compare(CompareConfig((theirs, suite_run), None, "drivers", str(small_suite)))["rows"]
     }

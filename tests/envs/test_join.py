@@ -91,7 +91,14 @@ def test_a_suite_that_no_shard_can_find_is_named(shards, small_suite, tmp_path, 
 
 def test_missing_episodes_are_counted(shards, tmp_path, capsys):
     assert main([str(shards[0]), "--out", str(tmp_path / "all")]) == 2
-    assert "4 episodes of 8 are in none of the shards, as straight-ground_truth" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "4 episodes of 8 are in none of the shards, such as straight-ground_truth" in error
+    assert error.endswith("; not given: shard 2/2\n")
+
+
+def test_a_folder_that_is_given_twice_is_refused(shards, tmp_path, capsys):
+    assert main([str(shards[0]), str(shards[0]), "--out", str(tmp_path / "all")]) == 2
+    assert capsys.readouterr().err == f"error: the folder {shards[0]} is given twice\n"
     assert not (tmp_path / "all").exists()  # nothing that a later join could take for its own
 
 

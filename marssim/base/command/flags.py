@@ -264,7 +264,7 @@ def _with_flag(message: str, where: str, config: type) -> str:
             return message
         holders, prefix = [part], prefix + named * f"{name.replace('_', '-')}."
     holders += [part for part, named in _parts(holders[0]).values() if not named]
-    word = re.match(r"[a-z]\w*", message)
+    word = re.match(r"[a-z]\w*(?![\w./\\-])", message)  # not the begin of a path
     if word is None or not any(word[0] in get_type_hints(holder) for holder in holders):
         return message
     return f"--{prefix}{word[0].replace('_', '-')}{message[word.end() :]}"

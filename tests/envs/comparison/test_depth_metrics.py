@@ -24,7 +24,7 @@ def method(perception, spls, errors, missed=None, driver="navigator"):
 
 
 TRUTH = method("ground_truth", (1.0, 1.0, 1.0, 0.5), (None,) * 4)
-EYES = method("eyes", (1.0, 0.8, 0.6, 0.45), (0.01, 0.1, 0.2, 0.02), (0, 1, 2, 1))
+EYES = method("eyes", (1.0, 0.8, 0.6, 0.45), (0.01, 0.1, 0.2, 0.02), (0, 1, 2, 3))
 
 
 def test_a_dot_has_the_errors_of_its_drives_and_what_they_lose_to_true_depth():
@@ -62,6 +62,27 @@ def test_correlations_leave_out_what_was_not_measured_and_what_does_not_vary():
     (row,) = [line for line in table.splitlines() if "| SPL less true depth | Abs Rel on the way | 4 | -1.00 |" in line]
     assert row.endswith(" by the logarithm |") and table.count("by the logarithm |") == 2
     assert correlate(condition_dots({"truth": TRUTH})) == []
+    assert correlation_table([]).startswith("No correlation of scores with the depth: it takes 3 ")
+
+
+def test_a_metric_in_which_two_dots_differ_from_the_rest_has_no_correlation():
+    for others, rows in ((2, 0), (3, 1)):
+        dots = [
+            {
+                "condition": str(n), "method": "eyes", "success_rate": 1.0, "spl": 0.1 * n,
+                "success_rate_less_truth": None, "spl_less_truth": None, "abs_rel": None, "rocks_missed": None,
+                "false_obstacles": None, "near_ground_as_sky": 1e-6 * n if n < others else 1e-3,
+            }
+            for n in range(8)
+        ]  # fmt: skip
+        assert len(correlate(dots)) == rows
+
+
+def test_three_conditions_are_too_few_for_an_interval():
+    dots = [dot for dot in condition_dots({"truth": TRUTH, "eyes": EYES}) if dot["condition"] != "clear"]
+    rows = correlate(dots)
+    assert rows and all(row["spearman_interval"] is row["pearson_interval"] is None for row in rows)
+    assert "| SPL | Abs Rel on the way | 3 | +0.50 | +0.62 by the logarithm |" in correlation_table(rows)
 
 
 def test_values_that_differ_by_rounding_alone_are_equal():

@@ -16,7 +16,7 @@ def part(folder, courses, code="aa", weights="0", runtime="openvino 1", parts=2)
     common = None if parts is None else {"conditions": ["clear"], "courses": 4, "parts": parts}
     episodes = {("clear", course): {"code": code, "folder": folder} for course in courses}
     return SuiteResults(
-        Path(folder) / "results.json", "suite", "dev", {METHOD: episodes}, common, {"m3depth": weights}, runtime
+        Path(folder) / "results.json", "suite", "dev", {METHOD: episodes}, 280, common, {"m3depth": weights}, runtime
     )
 
 

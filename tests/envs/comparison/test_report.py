@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from envs.comparison.methods import DrivenMethod
@@ -22,7 +23,7 @@ EYES = driven([0.7, 0.0, 0.8, 0.0])
 def test_the_differences_are_paired_by_course():
     rows = compare_methods({"truth": TRUTH, "eyes": EYES})
     assert [(row["condition"], row["method"]) for row in rows] == [
-        ("clear", "truth"), ("clear", "eyes"), ("all", "truth"), ("all", "eyes")
+        ("clear", "truth"), ("clear", "eyes")
     ]  # fmt: skip
     less = rows[1]["less"]
     assert less["difference"] == pytest.approx(-0.25) and less["spl_difference"] == pytest.approx(-0.3)
@@ -31,7 +32,6 @@ def test_the_differences_are_paired_by_course():
     assert rows[0]["less"] is None
     assert rows[0]["success_interval"] == pytest.approx([0.30, 0.95], abs=0.01)  # Wilson's
     assert less["interval"] == list(newcombe_interval(2, 0, 1, 1))
-    assert {**rows[3], "condition": "clear"} == rows[1]  # of a single condition
     both = (together(method, driven([1.0, 0.0, 1.0, 0.0], "storm")) for method in (TRUTH, EYES))
     row = compare_methods(dict(zip("ab", both, strict=True)))[-1]
     assert row["success_interval"] == [0.0, 1.0] and row["less"]["interval"] == [-0.375, 0.0]  # by the bootstrap
@@ -50,7 +50,7 @@ def test_over_all_conditions_each_episode_counts_alike_and_courses_are_drawn_as_
 def test_only_episodes_that_all_have_driven_count():
     part = driven([0.7, 0.0])
     rows = compare_methods({"truth": together(TRUTH, driven([1.0], "storm")), "eyes": part})
-    assert {row["condition"] for row in rows} == {"clear", "all"} and {row["episodes"] for row in rows} == {2}
+    assert {row["condition"] for row in rows} == {"clear"} and {row["episodes"] for row in rows} == {2}
     with pytest.raises(ValueError, match="no episode in common"):
         compare_methods({"truth": TRUTH, "eyes": driven([1.0], "storm")})
 
@@ -60,17 +60,22 @@ def test_a_difference_that_is_the_same_everywhere_has_no_interval_but_that_of_su
     assert "| clear | a\\|b | 4 | 100 % (51 to 100) | 0.500 | +100 points (+31 to +100) | +0.500 |" in table
     assert "The differences are those to first on the same courses" in table
     two = [together(driven([spl] * 4), driven([spl] * 4, "storm")) for spl in (0.0, 0.5)]
-    assert "| all | b | 8 | 100 % | 0.500 | +100 points | +0.500 |" in comparison_table(
+    assert "| all | b | 8 on 4 courses | 100 % | 0.500 | +100 points | +0.500 |" in comparison_table(
         compare_methods(dict(zip("ab", two, strict=True)))
     )
 
 
-def test_a_single_course_has_no_interval_by_the_bootstrap():
-    one = [together(driven([spl]), driven([1.0], "storm")) for spl in (0.0, 0.5)]
-    table = comparison_table(compare_methods(dict(zip("ab", one, strict=True))))
-    only = "(one course only)"
-    assert f"| clear | b | 1 | 100 % (21 to 100) | 0.500 {only} | +100 points (-12 to +100) | +0.500 {only} |" in table
-    assert f"| all | b | 2 | 100 % {only} | 0.750 {only} | +50 points {only} | +0.250 {only} |" in table
+@pytest.mark.parametrize("courses", [1, 3, 4])
+def test_fewer_than_four_courses_have_no_interval_by_the_bootstrap(courses):
+    spls = np.linspace(0.2, 0.8, courses) if courses > 1 else [0.5]
+    few = [together(driven(values), driven([1.0] * courses, "storm")) for values in ([0.0] * courses, spls)]
+    table = comparison_table(compare_methods(dict(zip("ab", few, strict=True))))
+    (clear,) = [line for line in table.splitlines() if line.startswith("| clear | b |")]
+    (overall,) = [line for line in table.splitlines() if line.startswith("| all | b |")]
+    assert ("| 0.500 (" in clear) == ("| +0.500 (" in clear) == (courses == 4)
+    assert "| 100 % (" in clear and "| +100 points (" in clear  # Wilson's and Newcombe's
+    assert f"| {2 * courses} on {courses} courses | 100 % | 0.750" in overall
+    assert ("+0.250 (" in overall) == (courses == 4)
 
 
 def test_episodes_that_a_method_lacks_are_counted():

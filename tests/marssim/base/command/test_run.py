@@ -156,6 +156,22 @@ def test_a_configs_own_words_are_kept_whatever_their_length(capsys):
     assert run(capsys, failing(AssertionError()), "--part.angle", "3", "1") == (2, f"error: {own.value}\n")
 
 
+@dataclass(frozen=True)
+class Refusing:
+    out: str = "x"
+    """a folder"""
+
+    def __post_init__(self) -> None:
+        raise ValueError(self.out)
+
+
+@pytest.mark.parametrize("message", ["out/mine is given twice", "out.json is damaged", "out-1 is a file"])
+def test_a_path_that_begins_like_a_flag_stays_a_path(message):
+    with pytest.raises(ValueError) as error:
+        parse(Refusing, "refusing", None, ["--out", message])
+    assert str(error.value) == message
+
+
 def test_infinity_is_a_value_where_it_is_one_by_default():
     assert parse(Settings, "settings", None, ["--out", "y", "--reach", "1", "inf"]).flat.reach == (1.0, math.inf)
 
