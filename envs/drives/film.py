@@ -104,7 +104,9 @@ class Film:
         ]
         bottom = [
             _titled(_with_scale(_square(depth_colours(sight.depth))), DEPTH_TITLE),
-            _titled(_square(normal_colours(np.zeros(left.shape) if normal is None else normal)), NORMAL_TITLE),
+            _titled(_square(normal_colours(np.zeros(left.shape))), "normals: this perception gives none")
+            if normal is None
+            else _titled(_square(normal_colours(normal)), NORMAL_TITLE),
             _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
         ]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
@@ -189,8 +191,8 @@ def _ending(env: MarsNavEnv, driver: Driver) -> str:
     if env.outcome == "driving":
         return ""
     command = driver.command if isinstance(driver, NavigatorDriver) else None
-    given_up = command is not None and command.over and command.status != env.outcome
-    return f"ended: {env.outcome} (navigator: {command.status})" if command and given_up else f"ended: {env.outcome}"
+    stuck = env.outcome == "no_path" and command is not None and command.status == "stuck"
+    return f"ended: {env.outcome} (recoveries did not help)" if stuck else f"ended: {env.outcome}"
 
 
 def _navigator(driver: Driver) -> Navigator | None:

@@ -150,7 +150,8 @@ function drawStrip(canvas, drive) {
   context.font = `${11 * ratio}px system-ui, sans-serif`;
   const words = [["clearance, 0 to 3 m", "--clear"]];
   if (errors.length) words.push(["depth error, 0 to 20 %", "--error"]);
-  if (columns.length > 1) words.unshift([`${drive.driver}, ${drive.perception}`, "--ink"]);
+  const cell = columns.some((other) => other.drive.cell !== drive.cell) ? `, ${drive.cell}` : "";
+  if (columns.length > 1) words.unshift([`${drive.driver}, ${drive.perception}${cell}`, "--ink"]);
   let left = 2;
   for (const [text, colour] of words) {
     context.fillStyle = style(colour);

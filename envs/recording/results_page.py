@@ -7,11 +7,12 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from envs.drives.episodes import Cell, EpisodeRecord
+from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS
 from envs.drives.metrics import spl
-from envs.drives.report import LEGEND, settings
+from envs.drives.report import settings
 from envs.recording.drive_page import asset, drive_path
+from envs.world.referee import GOAL_RADIUS
 from marssim.base.files.atomic import write_atomically
 
 RESULTS = "results.html"
@@ -27,6 +28,11 @@ COLUMNS = {
     "collisions": lambda row: f"{100 * row['collision_rate']:.0f} %",
     "Abs Rel": lambda row: "-" if row["abs_rel"] is None else f"{row['abs_rel']:.4f}",
 }
+LEGEND = f"""\
+Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's interval. SPL: success times the shortest
+path over the driven one. Collisions: of the chassis, or of a wheel with a rock that blocks. Abs Rel: error of the depth
+on the way. Near miss: a drive without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock,
+a drop or steep ground. results.md has more columns, and the differences between methods."""
 HOW_TO_RECORD = {
     "none": "No drive is recorded. The same command with --record failures, or --record all, records them.",
     "failures": "No drive failed, so that none is recorded. The same command with --record all records them all.",
@@ -127,7 +133,7 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     page = pages.get((record.driver, record.perception, record.cell, record.episode))
     if page is None:
         return f"<td>{badge} {words}</td>"
-    return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, take it apart</a></td>'
+    return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, inspect</a></td>'
 
 
 def _files(out: Path) -> str:

@@ -199,7 +199,7 @@ def test_every_frame_shows_command_status_and_contact_and_the_last_how_it_ended(
         film.watch(env, StraightDriver(), 2)
     going, stuck, hit = (lines[2:] for lines in titles if len(lines) > 2)
     assert going == ("look: +0.00 m/s +0 deg/s   no contact", "")
-    assert stuck == ("stuck: +0.00 m/s +0 deg/s   no contact", "ended: no_path (navigator: stuck)")
+    assert stuck == ("stuck: +0.00 m/s +0 deg/s   no contact", "ended: no_path (recoveries did not help)")
     assert hit == ("command +0.00 m/s +0 deg/s   contact: chassis", "ended: collision")
     video = cv2.VideoCapture(str(tmp_path / "ended.mp4"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 1 + 2 * 2 * FPS  # the ends stay for 2 s

@@ -52,7 +52,7 @@ def test_the_results_page_leads_to_the_page_of_every_drive(recorded):
     page = Links(text)
     assert f"drives/{file.stem}.html" in page.links
     assert all((config.out / link).is_file() for link in page.links)
-    assert "take it apart" in page.text and "results.json" in page.links
+    assert "inspect" in page.text and "results.json" in page.links
     assert "No drive is recorded" not in page.text
 
 
@@ -96,7 +96,7 @@ def test_a_drive_whose_record_was_deleted_loses_all_that_was_made_of_it(recorded
     assert json.loads((config.out / "videos.json").read_text()) == {"best.mp4": "other.json"}
     page = Links((config.out / "results.html").read_text(encoding="utf-8"))
     if record == "none":
-        assert not list((config.out / "drives").iterdir()) and "take it apart" not in page.text
+        assert not list((config.out / "drives").iterdir()) and "inspect" not in page.text
     else:
         assert drive.stat().st_mtime_ns > old and f"drives/{drive.stem}.html" in page.links
 
