@@ -77,7 +77,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
     if not config.tasks:
         courses = len(replace(config, shard=None).tasks) // (len(config.driver) * len(config.perception))
-        raise ValueError(f"--shard {config.shard} has no episode: use {courses} parts or fewer, one for each course")
+        most = "there is only one course" if courses == 1 else f"use {courses} parts or fewer, one for each course"
+        raise ValueError(f"--shard {config.shard} has no episode: {most}")
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, config.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
     )

@@ -20,14 +20,12 @@ from typing import Any
 from envs.suites.conditions import CONDITIONS, condition_values
 from envs.suites.held_out import SPLIT, held_out_seed, published_digest
 from envs.suites.making import SEEDS, make_suite, suite_conditions, suite_text
-from envs.suites.suite import load_suite, suite_schema
+from envs.suites.suite import load_suite, packaged_suites, suite_schema
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_schema import first_fault
-
-NAME = "marsnav-v1"  # of a new suite, where no other is given
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,8 @@ class MakeSuiteConfig:
     out: Path | None = None
     """JSON file of the suite. A file that exists is not replaced."""
     name: str | None = None
-    """Name of the new suite, with its version: letters, digits, _, . and -. Without it, marsnav-v1."""
+    """Name of the new suite, with its version: letters, digits, _, . and -. Not that of a suite in the package, which
+    does not change."""
     courses: int = 20
     """Number of courses in each split and condition, 1 or more."""
     condition: tuple[str, ...] = ()
@@ -54,6 +53,8 @@ class MakeSuiteConfig:
         check_least(self, courses=1)
         if fault := self.name and first_fault(self.name, suite_schema()["properties"]["suite"], "--name"):
             raise ValueError(fault)
+        if self.name in packaged_suites():
+            raise ValueError(f"--name {self.name}: the package has a suite of this name; choose another")
         for name in self.condition:
             condition_values(name)  # raises ValueError for an unknown name
         if (self.held_out is None) != (self.passphrase_file is None):
@@ -69,6 +70,8 @@ class MakeSuiteConfig:
             raise ValueError(f"--out {self.out}: the file of a suite must end in .json")
         if self.out is not None and self.held_out is not None and self.published is None:
             raise ValueError("--out needs --published: without it, the command prints the digest, and writes no file")
+        if self.name is None and self.held_out is None:
+            raise ValueError("--name must name the new suite, with its version")
 
 
 def write_suite(config: MakeSuiteConfig) -> Path:
@@ -87,7 +90,7 @@ def write_suite(config: MakeSuiteConfig) -> Path:
     splits: dict[str, dict[str, int]]
     drive: dict[str, Any] = {}
     if config.held_out is None:
-        name = config.name or NAME
+        name = config.name or ""  # which __post_init__ asks for
         splits = {split: {"seed": seed, "courses": config.courses} for split, seed in SEEDS.items()}
         chosen = config.condition or CONDITIONS
         conditions = {key: values for key, values in suite_conditions().items() if key in chosen}

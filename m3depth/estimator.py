@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
@@ -233,6 +234,7 @@ def load_estimator(
     if not isinstance(spec, str):
         if not isinstance(spec, Estimator) or isinstance(spec, type):
             raise ValueError(f"{role} {spec!r} has no method infer(left, right, rig)")
+        _check_arguments(spec, f"{role} {spec!r}")
         return spec
     name = EstimatorName.parse(spec, role, others)
     if name.weights is not None:
@@ -375,4 +377,17 @@ def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
         raise ValueError(f"{where}: cannot be made without arguments ({error})") from None
     if not isinstance(estimator, Estimator):
         raise ValueError(f"{where}: the class has no method infer(left, right, rig)")
+    _check_arguments(estimator, where)
     return estimator
+
+
+def _check_arguments(estimator: Estimator, where: str) -> None:
+    """Raise ValueError if infer cannot be called as infer(left, right, rig); where: the estimator, for the message."""
+    try:
+        asked = signature(estimator.infer)
+    except (TypeError, ValueError):  # of compiled code, which does not say what it takes
+        return
+    try:
+        asked.bind(None, None, None)
+    except TypeError as error:
+        raise ValueError(f"{where}: infer{asked} must take left, right and rig ({error})") from None

@@ -181,6 +181,8 @@ def _same(name: str, built: Mapping[str, Any], episode: Mapping[str, Any]) -> bo
 def _read(path: Path, stamp: int) -> Suite:
     """Read a suite's file; stamp: its time of change, so that a changed file is read again."""
     content = read_json(path)
+    if isinstance(content.get("suite"), dict):
+        raise DatasetError(f"suite {path}: is a file of results, not of a suite")
     if fault := first_fault(content, suite_schema()):
         raise DatasetError(f"suite {path}: {fault}")
     for name, values in content["conditions"].items():

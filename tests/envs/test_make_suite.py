@@ -41,6 +41,18 @@ def test_a_passphrase_that_is_no_text_is_named(small_suite, tmp_path, capsys):
     assert capsys.readouterr().err == f"error: --passphrase-file {tmp_path / 'secret'}: is no text in UTF-8\n"
 
 
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        ([], "--name must name the new suite, with its version"),
+        (["--name", "marsnav-v1"], "--name marsnav-v1: the package has a suite of this name; choose another"),
+    ],
+)
+def test_a_new_suite_needs_a_name_of_its_own(tmp_path, capsys, args, message):
+    assert main(["--out", str(tmp_path / "a.json"), *args]) == 2
+    assert capsys.readouterr().err == f"error: {message}\n"
+
+
 def test_a_suite_is_never_replaced(tmp_path, capsys):
     out = tmp_path / "mine-v1.json"
     out.write_text("{}")

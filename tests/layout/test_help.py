@@ -28,7 +28,7 @@ COMMANDS = {  # configs of the commands' flags, with values for those that have 
     "envs.train_ppo:PPOConfig": {"out": Path("out")},
     "envs.demo:DemoConfig": {},
     "envs.drives.config:EvaluateConfig": {"out": Path("out")},
-    "envs.make_suite:MakeSuiteConfig": {"out": Path("out.json")},
+    "envs.make_suite:MakeSuiteConfig": {"out": Path("out.json"), "name": "mine-v1"},
     "envs.rocks:RocksConfig": {"data": Path("data"), "out": Path("out")},
 }
 ELSEWHERE = {"film_courses", "bag_courses"}  # whose limit is another flag's value

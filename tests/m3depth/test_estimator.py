@@ -31,6 +31,11 @@ class NoEstimator:
     pass
 
 
+class TwoImages:
+    def infer(self, left, right):
+        pass
+
+
 def test_estimators_are_loaded_by_name():
     assert isinstance(load_estimator("sgbm"), SGBM)
     assert load_estimator("ncc") == BlockMatching("ncc")
@@ -56,6 +61,8 @@ def test_an_object_comes_back_as_it_is():
         ("collections:OrderedDict", "has no method infer"),
         (NoEstimator(), "has no method infer"),
         (SGBM, "has no method infer"),
+        (TwoImages(), r"infer\(left, right\) must take left, right and rig \(too many positional arguments\)"),
+        ("my_stereo.py:Net", "No module named 'my_stereo'; leave out .py: name it as my_stereo"),
     ],
 )
 def test_a_wrong_estimator_is_named(spec, message):

@@ -28,6 +28,8 @@ def where_to_run(error: ImportError, module: str) -> str:
     if not isinstance(error, ModuleNotFoundError) or not error.name or not f"{module}.".startswith(f"{error.name}."):
         return ""
     package, dot, _ = module.partition(".")
+    if module.endswith(".py") and not module.startswith("."):
+        return f"; leave out .py: name it as {module.removesuffix('.py')}"
     return f"; run python -m in the folder of {package}{'' if dot else '.py'}, or put this folder on PYTHONPATH"
 
 

@@ -113,6 +113,7 @@ def test_true_depth_has_the_pixels_of_the_eyes():
         (lambda c: c["episodes"][3].update(course=[1]), r"episodes\[3\].course must be of type integer"),
         (lambda c: c["episodes"][3].update(goal=[1]), r"episodes\[3\].goal must have 2 items, got 1"),
         (lambda c: c["splits"].update(dev=3), "splits.dev must be of type object, got 3"),
+        (lambda c: c.update(suite={"name": c["suite"]}), "is a file of results, not of a suite"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_suite_is_refused_by_name(small_suite, tmp_path, change, message):

@@ -34,7 +34,7 @@ CONFIGS = {  # the config of each command, and the least that it needs
     "nav.replay": ("nav.replay:ReplayConfig", ["data"]),
     "nav.map": ("nav.map:MapOptions", ["data", "--out", "out"]),
     "envs.evaluate": ("envs.drives.config:EvaluateConfig", ["--out", "out"]),
-    "envs.make_suite": ("envs.make_suite:MakeSuiteConfig", ["--out", "suite.json"]),
+    "envs.make_suite": ("envs.make_suite:MakeSuiteConfig", ["--out", "suite.json", "--name", "mine-v1"]),
     "envs.join": ("envs.join:JoinConfig", ["shard", "--out", "out"]),
     "envs.compare": ("envs.compare:CompareConfig", ["results.json"]),
     "envs.report": ("envs.report:ReportConfig", ["drive.zip"]),
