@@ -171,7 +171,7 @@ def _drive_in_words(record: EpisodeRecord) -> str:
     arrived = "reached its goal" if record.outcome == "goal" else f"did not reach its goal ({record.outcome})"
     clearance = f"{record.min_clearance:.2f} m" if record.min_clearance < FAR else f"more than {FAR:g} m"
     return f"""The rover {arrived} and drove {record.path_length:.1f} m. At best, a drive to this goal takes about
-{record.shortest - GOAL_RADIUS:.1f} m: the shortest passable way is {record.shortest:.1f} m long, and a drive ends
+{record.shortest - GOAL_RADIUS:.1f} m: the shortest passable path is {record.shortest:.1f} m long, and a drive ends
 {GOAL_RADIUS:g} m before the goal.
 It took {record.steps} steps of {record.step_seconds:.2f} s, of which perception took {record.perception_seconds:.2f} s.
 The smallest clearance on the way was {clearance}, from the rover's footprint to a true obstacle: a rock of

@@ -3,7 +3,7 @@
     python -m envs.evaluate --perception m3depth sgbm --episodes 10 --out out/eval
     python -m envs.inspect out/eval
 
-The page has a shot for each course: the ground, the rocks that block, the goal, the shortest passable way, and the way
+The page has a shot for each course: the ground, the rocks that block, the goal, the shortest passable path, and the way
 of every driver and perception in the colour of its outcome, with the rover's footprint at its end. Drives that
 envs.evaluate recorded (--record) have a shot for each look too: the cloud that the rover saw, the navigator's map, its
 planned path, and the motion that it chose. It needs the extra `view`.

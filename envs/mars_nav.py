@@ -86,7 +86,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     ## Reward
 
-    Progress along the shortest way round the obstacles to the goal [m], minus 0.01 a step; +10 at the goal, -10 at a
+    Progress along the shortest path round the obstacles to the goal [m], minus 0.01 a step; +10 at the goal, -10 at a
     collision or a tilt of more than 30 deg.
 
     ## Starting state
@@ -115,7 +115,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     |----------------------|---------------------------------------------------------------------------------------|
     | `outcome`            | see above                                                                             |
     | `distance`           | distance to the goal [m]                                                              |
-    | `shortest`           | length of the shortest passable way from the start to the goal [m]                    |
+    | `shortest`           | length of the shortest passable path from the start to the goal [m]                    |
     | `path_length`        | length of the way driven [m]                                                          |
     | `min_clearance`      | least distance so far between the rover's footprint and a rock, a drop or steep       |
     |                      | ground that is an obstacle [m]; 3 if none came as near                                |
@@ -186,7 +186,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `slope_deg`         | the scene's    | 0 to 25  | regional slope [deg], its direction drawn  |
     | `sun_elevation_deg` | the scene's    | 1 to 90  | height of the sun [deg]                    |
     | `into_sun`          | False          | bool     | the sun stands over the goal               |
-    | `ditch`             | False          | bool     | a ditch cuts the straight way to the goal  |
+    | `ditch`             | False          | bool     | a ditch cuts the straight path to the goal  |
     | `scene_seed`        | drawn          | 0 and up | the course's seed, whatever the env's seed |
 
     ## Version history

@@ -28,7 +28,7 @@ from marssim.base.dataset.drive_file import DriveFile, read_drive
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError
 
-SAME_COURSE = 0.1  # [m] by which start, goal and shortest way of two drives of one course may differ, as in drive.js
+SAME_COURSE = 0.1  # [m] by which start, goal and shortest path of two drives of one course may differ, as in drive.js
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ def _difference_of_courses(a: DriveFile, b: DriveFile) -> str | None:
     if len(one["obstacles"]) != len(other["obstacles"]):
         return f"they have {len(one['obstacles'])} and {len(other['obstacles'])} rocks that block"
     if not all(map(len, ways)):
-        return "only one has a shortest way" if any(map(len, ways)) else None
+        return "only one has a shortest path" if any(map(len, ways)) else None
     if (gap := _distance(ways[0][0], ways[1][0])) > SAME_COURSE:
         return f"their starts are {gap:.1f} m apart"
     lengths = [float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways]
     if abs(lengths[0] - lengths[1]) > SAME_COURSE:
-        return f"their shortest ways are {lengths[0]:.1f} and {lengths[1]:.1f} m long"
+        return f"their shortest paths are {lengths[0]:.1f} and {lengths[1]:.1f} m long"
     return None
 
 

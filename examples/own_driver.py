@@ -53,7 +53,7 @@ def main(goal_distance: float = 10.0, k: float = 0.05, seed: int = 1) -> None:
         record = run_episode(env, driver, Cell(k=k), seed, episode=0)
         env.close()
         name = type(driver).__name__
-        print(f"{name:16} {record.outcome:10} {record.path_length:5.1f} m driven, shortest way {record.shortest:.1f} m")
+        print(f"{name:16} {record.outcome:10} {record.path_length:5.1f} m driven, shortest: {record.shortest:.1f} m")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ class Command:
     status: str
     """What the rover does: "drive"; "turn" (in place); "look" (stand, and look where `pan` points); "recover" (back out
     of a dead end); "blind" (stand, as there was no depth); "arrived"; "stuck" (recoveries did not help); or "no_path"
-    (the same, and known obstacles close every way). The last three end the drive; the rover stands still."""
+    (the same, and known obstacles close every path). The last three end the drive; the rover stands still."""
 
     @property
     def over(self) -> bool:

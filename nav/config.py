@@ -12,7 +12,7 @@ from nav.path.planner_config import PlannerConfig
 
 @dataclass(frozen=True)
 class RiskLevel:
-    """Relaxed rules for the case that every way is closed."""
+    """Relaxed rules for the case that every path is closed."""
 
     step: float
     """Rocks up to this height may be driven over [m]. Measured heights are wrong by centimetres, so it stays below
@@ -56,9 +56,9 @@ class NavigatorConfig:
     max_recoveries: int = 6
     """Recoveries without coming one metre nearer to the goal, after which the rover is stuck."""
     closed_steps: int = 15
-    """Steps in a row with every way to the goal closed by known obstacles, after which there is no path."""
+    """Steps in a row with every path to the goal closed by known obstacles, after which there is no path."""
     risk_after: int = 5
-    """Steps in a row with every way closed, after which the next risk level is accepted."""
+    """Steps in a row with every path closed, after which the next risk level is accepted."""
     risk_after_recoveries: int = 2
     """Recoveries without success, after which the next risk level is accepted."""
     risk_levels: tuple[RiskLevel, ...] = (

@@ -20,7 +20,7 @@ def reason_of(navigator: Navigator, command: Command) -> str:
     """
     sentence = _reason(navigator, command)
     level = navigator.risk.level
-    return f"{sentence}, at risk level {level} as every way was closed" if level and not command.over else sentence
+    return f"{sentence}, at risk level {level} as every path was closed" if level and not command.over else sentence
 
 
 def _reason(navigator: Navigator, command: Command) -> str:
@@ -33,15 +33,15 @@ def _reason(navigator: Navigator, command: Command) -> str:
         return f"{recovery.attempts} recoveries brought the rover no nearer to the goal, and no motion is free"
     if command.status == "no_path":
         if navigator.risk.given_up:
-            return f"known obstacles have closed every way to the goal for {navigator.risk.closed} steps"
-        return f"no motion is free after {recovery.attempts} recoveries, and known obstacles close every way"
+            return f"known obstacles have closed every path to the goal for {navigator.risk.closed} steps"
+        return f"no motion is free after {recovery.attempts} recoveries, and known obstacles close every path"
     if command.status == "recover":
         number = f"recovery {recovery.attempts} of at most {config.max_recoveries}"
         if command.speed < 0:
             return f"backs out along its track, {recovery.back_left:.1f} m left, {number}"
-        return f"turns in place to see another way, {number}"
+        return f"turns in place to look for another path, {number}"
     if navigator.looks_along:
-        return "the map shows no long free way, so the mast looks along the path first"
+        return "the map shows no long free path, so the mast looks along the planned one first"
     if motion is None:
         if recovery.looking:
             return "no motion is free, so the mast looks to the sides"

@@ -12,7 +12,7 @@ class RiskTaking:
     """The level of risk that the navigator accepts now.
 
     Attributes:
-        closed: How many steps in a row known obstacles have closed every way to the goal.
+        closed: How many steps in a row known obstacles have closed every path to the goal.
     """
 
     def __init__(self, config: NavigatorConfig) -> None:
@@ -29,7 +29,7 @@ class RiskTaking:
         """Count one step.
 
         Args:
-            closed: Whether known obstacles close every way to the goal.
+            closed: Whether known obstacles close every path to the goal.
             hemmed_in: Whether the rover stands too near to an obstacle.
         """
         self.closed = self.closed + 1 if closed else 0
@@ -56,7 +56,7 @@ class RiskTaking:
 
     @property
     def given_up(self) -> bool:
-        """Whether every way has been closed for too long."""
+        """Whether every path has been closed for too long."""
         return self.closed >= self.config.closed_steps
 
     @property

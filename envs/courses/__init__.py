@@ -1,1 +1,1 @@
-"""A course: the scene of an episode with its start, goal and shortest way, and the room beside obstacles."""
+"""A course: the scene of an episode with its start, goal and shortest path, and the room beside obstacles."""

@@ -26,7 +26,7 @@ CLEAR_OF_STEEP_GROUND = 1.2  # [m] likewise for steep ground that is no ditch: t
 MARGIN = 7.0  # [m] from start and goal to the edge of the driving ground
 EDGE = 1.5  # [m] least distance of the rover's middle from the edge
 CELL = 0.1  # [m] grid of the clearance
-STRIDE = 2  # cells of the clearance along one cell of the search for the shortest way
+STRIDE = 2  # cells of the clearance along one cell of the search for the shortest path
 SCENE_CELL = 0.1  # [m] grid of the scenes' relief
 OFF_COURSE = np.pi / 4  # [rad] largest angle between the rover's heading at the start and the goal's direction
 LEAST_WITH_DITCH = 12.0  # [m] from start to goal, so that a ditch between them leaves both clear
@@ -60,7 +60,7 @@ class CourseConfig:
     into_sun: bool = False
     """Whether the sun stands over the goal, as seen from the start; else its direction is drawn."""
     ditch: bool = False
-    """Whether a ditch cuts the straight way to the goal, which the rover has to drive round."""
+    """Whether a ditch cuts the straight path to the goal, which the rover has to drive round."""
     scene_seed: int | None = None
     """Seed of the course; None draws it from the environment's seed."""
 
@@ -95,7 +95,7 @@ class CourseConfig:
 
 
 class TrueGround:
-    """Clearance from obstacles and the shortest way to the goal, on the true rocks and the true ground of a scene.
+    """Clearance from obstacles and the shortest path to the goal, on the true rocks and the true ground of a scene.
 
     An obstacle is a rock or a block of a ledge of spec.obstacle_height or more, taken as the disc of its outline, and
     steep_ground. The rover is a disc of half its width: it may pass where the clearance is at least that.
@@ -163,7 +163,7 @@ class TrueGround:
         return float(self._clearance[j, i])
 
     def distance_to_goal(self, x: float, y: float) -> float:
-        """Return the length of the shortest passable way from a point to the goal [m]; inf if there is none.
+        """Return the length of the shortest passable path from a point to the goal [m]; inf if there is none.
 
         A point that is not passable itself (the rover touches a rock) counts from the nearest passable cell.
 
@@ -174,7 +174,7 @@ class TrueGround:
         return self._entry(x, y)[0]
 
     def way_to_goal(self, x: float, y: float) -> np.ndarray:
-        """Return the corners of the shortest way from a point to the goal, whose length distance_to_goal returns.
+        """Return the corners of the shortest path from a point to the goal, whose length distance_to_goal returns.
 
         Args:
             x: World position [m].
@@ -200,7 +200,7 @@ class TrueGround:
         return way[np.concatenate([[True], turns, [True]])]
 
     def _entry(self, x: float, y: float) -> tuple[float, int]:
-        """Return the length of the shortest way from a point [m], and the number of the cell in which it starts."""
+        """Return the length of the shortest path from a point [m], and the number of the cell in which it starts."""
         n = len(self._field)
         j, i = self._index(y, self._cell, n), self._index(x, self._cell, n)
         rows, columns = (slice(max(0, at - LOOK_ROUND), min(n, at + LOOK_ROUND + 1)) for at in (j, i))
@@ -217,7 +217,7 @@ class TrueGround:
         return int(np.clip(round((value + self.half) / cell), 0, n - 1))
 
     def _distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Find the shortest way from every cell to the goal over 16 neighbours, at most 2.7 % longer than the true one.
+        """Find the shortest path from each cell to the goal over 16 neighbours, at most 2.7 % longer than the true one.
 
         Returns:
             The lengths (n, n) [m], inf where there is no way, and (n n,) the next cell of each way, n n for the goal
@@ -250,13 +250,13 @@ class Course:
     scene: Scene
     """The scene."""
     ground: TrueGround
-    """The true clearance and shortest way."""
+    """The true clearance and shortest path."""
     start: np.ndarray
     """x, y [m] and yaw [rad] of the start."""
     goal: np.ndarray
     """(2,) goal [m]."""
     shortest: float
-    """Length of the shortest passable way [m]."""
+    """Length of the shortest passable path [m]."""
     redraws: int
     """Number of courses that were rejected before: no way led to their goal, or an end was too near to steep ground."""
 

@@ -88,7 +88,7 @@ class EvaluateConfig:
     into_sun: bool = False
     """Put the sun over the goal, as seen from the start. Else its direction is drawn."""
     ditch: bool = False
-    """Cut a ditch across the straight way to the goal, which the rover has to drive round."""
+    """Cut a ditch across the straight path to the goal, which the rover has to drive round."""
     condition: Annotated[tuple[str, ...], tyro.conf.arg(help=CONDITION_HELP)] = ()
     suite: str | None = None
     """Suite of episodes to drive: the name of one in the package (marsnav-v1), or the JSON file of one. It fixes the
@@ -120,21 +120,21 @@ class EvaluateConfig:
     """Align the rows of the two images where they lie significantly apart, before the perception sees them."""
     drift: float = 0.0
     """Error of the position by the rover's odometry: its standard deviation after 1 m of driving [m], 0 to 1. It grows
-    with the root of the way: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
+    with the root of the distance: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
     yaw_drift_deg: float = 0.0
     """Error of the heading by the rover's odometry: its standard deviation after 1 m of driving [deg], 0 to 45. It
-    grows with the root of the way."""
+    grows with the root of the distance."""
     slip: GroundName | None = None
     """Let the wheels slip and sink: in the sand, crust and bedrock that the scene shows (scene), or in one of these
     everywhere. Left out: they do not slip."""
     slip_measured: float = 0.0
     """Share of the slip that the rover's odometry measures, with --slip, 0 to 1: 0 counts the wheels' turns, 1 sees the
-    true way, as visual odometry does at best."""
+    true path, as visual odometry does at best."""
     scores: tuple[Path, ...] = ()
     """Files results.json that m3depth.evaluate wrote. For each perception that they score, results.md then shows the
     depth error (Abs Rel) on that test set beside the one on the drives."""
     videos: bool = True
-    """Film the best drive (the arrival with the highest SPL) and the worst (the one that covered least of its way).
+    """Film the best drive (the arrival with the highest SPL) and the worst (which covered least of its distance).
     There is one film if both are the same drive, and no best.mp4 if no drive arrived. For a film, the course is driven
     once more, with pictures of every step: that takes longer than the drive."""
     film_courses: tuple[int, ...] = ()

@@ -110,7 +110,7 @@ class EpisodeRecord:
     start_distance: float
     """Distance to the goal at the start [m]."""
     shortest: float
-    """Length of the shortest passable way [m]."""
+    """Length of the shortest passable path [m]."""
     path_length: float
     """Length of the way driven [m]."""
     min_clearance: float
@@ -164,7 +164,7 @@ class EpisodeRecord:
     headings: list[float] = field(default_factory=list)
     """Yaw at the places of `track` [rad]."""
     shortest_path: list[list[float]] = field(default_factory=list)
-    """Corners x, y of the shortest passable way, whose length is `shortest` [m]."""
+    """Corners x, y of the shortest passable path, whose length is `shortest` [m]."""
     half: float = 0.0
     """Half the side of the square that `relief` covers [m]."""
     relief: list[list[float]] = field(default_factory=list)

@@ -43,7 +43,7 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
     Each course is turned so that its start lies to the left of its goal, both on the middle line. The goal is a star in
     the circle within which it counts as reached; rocks that block are grey discs. The colour shows the outcome, the
     line style who drove: LINES in the order of the records. The rover's footprint is drawn where it started and where
-    each drive ended, with a cross where it hit something. A pale band is the shortest passable way; contours are
+    each drive ended, with a cross where it hit something. A pale band is the shortest passable path; contours are
     relief, dark ones low.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[s
         Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
     ]
     if any(record.shortest_path for record in records):
-        out.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable way"))
+        out.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable path"))
     out += [
         Line2D([], [], ls="", marker="o", color=ROCK_COLOUR, label="rock that blocks"),
         Line2D([], [], ls="", marker="*", color="k", ms=8, label="goal and its circle"),

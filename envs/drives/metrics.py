@@ -27,7 +27,7 @@ def spl(success: bool, shortest: float, path_length: float) -> float:
 
     Args:
         success: Whether the drive arrived, S.
-        shortest: Length of the shortest passable way, L [m].
+        shortest: Length of the shortest passable path, L [m].
         path_length: Length of the way driven, P [m].
     """
     return float(success) * shortest / max(path_length, shortest, 1e-9)
@@ -39,7 +39,7 @@ def soft_spl(start_distance: float, distance: float, shortest: float, path_lengt
     Args:
         start_distance: Distance to the goal at the start, d_0 [m].
         distance: Distance to the goal at the end, d_T [m].
-        shortest: Length of the shortest passable way, L [m].
+        shortest: Length of the shortest passable path, L [m].
         path_length: Length of the way driven, P [m].
     """
     return max(0.0, 1 - distance / max(start_distance, 1e-9)) * shortest / max(path_length, shortest, 1e-9)

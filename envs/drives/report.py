@@ -17,12 +17,12 @@ from marssim.base.files.atomic import write_atomically
 
 LEGEND = f"""\
 Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's interval. SPL, SoftSPL: success, or the
-share of the way covered, times the shortest way over the driven way. P / L: driven way over shortest way, of the drives
-that arrived; a drive ends before the goal, so this may be below 1. Collisions: of the chassis, or of a wheel with a
-rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such
-a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time ran
-out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
-Tilt: the largest. Abs Rel: error of the depth on the way. Unreachable: goals without a way to them, which were drawn
+share of the distance covered, times the shortest path over the driven one. P / L: driven over shortest path, of the
+drives that arrived; a drive ends before the goal, so this may be below 1. Collisions: of the chassis, or of a wheel
+with a rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of
+such a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time
+ran out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
+Tilt: the largest. Abs Rel: error of the depth on the way. Unreachable: goals without a path to them, which were drawn
 again. s / step: seconds of driver, perception and simulation. Differences (below) have 95 % intervals: that of success
 under a single condition is Newcombe's for paired proportions, all others are by the paired bootstrap over the
 courses."""
@@ -108,7 +108,7 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         )
     lines += ["", LEGEND]
     if marked:
-        lines += ["", f"\\* More than {100 * UNREACHABLE_MARK:.0f} % of the drawn goals had no way to them."]
+        lines += ["", f"\\* More than {100 * UNREACHABLE_MARK:.0f} % of the drawn goals had no path to them."]
     return "\n".join(lines) + "\n"
 
 

@@ -99,12 +99,12 @@ def rock_domes(record: EpisodeRecord) -> Surface | None:
 
 
 def course_lines(record: EpisodeRecord) -> list[Line]:
-    """Return the goal of a course and its shortest passable way."""
+    """Return the goal of a course and its shortest passable path."""
     goal = _on_ground(record, np.array([record.goal]))[0]
     lines = [Line("Goal", np.stack([goal, np.add(goal, (0, 0, POLE))]), (200, 30, 160))]
     if len(record.shortest_path) > 1:
         way = _on_ground(record, np.array(record.shortest_path))
-        lines.append(Line("Shortest passable way", way, _rgb(WAY_COLOUR)))
+        lines.append(Line("Shortest passable path", way, _rgb(WAY_COLOUR)))
     return lines
 
 
@@ -131,7 +131,7 @@ def _view(drives: Sequence[EpisodeRecord]) -> View:
             corners = footprint_corners(ZHURONG, (*track[-1], record.headings[-1]))
             lines.append(Line(name, _on_ground(record, corners[[0, 1, 2, 3, 0]]), colour))
     surfaces = tuple(part for part in (ground_surface(first), rock_domes(first)) if part is not None)
-    note = f"goal {first.start_distance:.1f} m from the start, shortest way {first.shortest:.1f} m"
+    note = f"goal {first.start_distance:.1f} m from the start, shortest path {first.shortest:.1f} m"
     return View(NATECAM, None, np.zeros((0, 3), np.float32), {}, tuple(lines), surfaces, note, first.start_distance)
 
 

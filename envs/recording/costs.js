@@ -3,8 +3,8 @@
 
 const OTHERS = 6; // candidates beside the chosen one
 const PARTS = {
-  way: "length up to where the motion is compared", ground: "extra cost of its ground", onward: "way from there to the goal",
-  heading: "turn into that way", bend: "its curvature", change: "change of the curvature", turn: "turn in place",
+  way: "length up to where the motion is compared", ground: "extra cost of its ground", onward: "path from there to the goal",
+  heading: "turn towards it", bend: "its curvature", change: "change of the curvature", turn: "turn in place",
   unseen: "turn in place over unseen ground",
 };
 

@@ -9,7 +9,7 @@ const STATUS = {
   no_path: ["#7a4a9a", "gives up: no path"],
 };
 const STANDING = 1e-7; // [m] between the positions of two steps of the same way, as where the rover turns in place
-const SAME_COURSE = 0.1; // [m] by which start, goal and shortest way of two drives of one course may differ
+const SAME_COURSE = 0.1; // [m] by which start, goal and shortest path of two drives of one course may differ
 const byId = (id) => document.getElementById(id);
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const degrees = (radians) => (radians * 180) / Math.PI;

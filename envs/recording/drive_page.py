@@ -34,7 +34,7 @@ SHOWN = tuple(layer for layer in LAYERS if layer != "height")  # the map of a pa
 ENDINGS = {
     "goal": "It reached the goal", "collision": "It hit an obstacle", "tilt": "It tilted by more than 30 deg",
     "stuck": "It got stuck", "time": "It ran out of time", "out_of_bounds": "It left the ground",
-    "no_path": "The driver found no way and gave up",
+    "no_path": "The driver found no path and gave up",
     "elsewhere": "The driver believed that it was at the goal, but it was not",
 }  # fmt: skip
 
@@ -115,7 +115,7 @@ def _shown(drive: DriveFile) -> dict[str, Any]:
     cause = episode.get("cause")
     why_failed = "" if cause is None else f": {IN_WORDS[Cause(cause)]}"
     summary = (
-        f"{ending} after {last['way']:.1f} m and {_minutes(seconds)}{gap}{why_failed}. The shortest way is "
+        f"{ending} after {last['way']:.1f} m and {_minutes(seconds)}{gap}{why_failed}. The shortest path is "
         f"{episode['shortest']:.1f} m long.{touched}"
     )
     keys = ("driver", "perception", "cell", "episode", "outcome", "goal", "obstacles", "shortest_path")

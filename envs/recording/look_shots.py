@@ -166,7 +166,7 @@ def _drive_lines(drive: DriveFile, n: int, ground: _Ground | None) -> list[Line]
     lines = []
     if n:
         way = np.array([_pose(other, "pose")[:3, 3] for other in drive.steps[: n + 1]])
-        lines.append(Line("Way driven", way + np.array([0, 0, ABOVE]), COLOURS["driven"]))
+        lines.append(Line("Driven path", way + np.array([0, 0, ABOVE]), COLOURS["driven"]))
     ahead, left = drive.content["rover"]["length"] / 2, drive.content["rover"]["width"] / 2
     corners = np.array([[x * ahead, y * left, ABOVE] for x, y in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))])
     touched = step["contact"] != "none"

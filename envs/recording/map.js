@@ -48,7 +48,7 @@ function mapPanel(drive) {
   const whole = make("input", { type: "checkbox" });
   const note = make("span");
   const panel = make("div", { class: "panel map" }, make("h2", {}, "map of the navigator, north up"),
-    make("div", { class: "tools" }, make("label", {}, truth, " true rocks and shortest way"),
+    make("div", { class: "tools" }, make("label", {}, truth, " true rocks and shortest path"),
       make("label", {}, whole, " whole course"), note), canvas, mapLegend());
   let current = 0, emphasised = null, wanted = null;
 

@@ -25,7 +25,7 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
     the navigator begins to choose motions that lead over the place where it happened, or, where it chose no such motion
     and for other drivers, where the clearance begins to fall for good or the tilt to rise; a drive that ends elsewhere
     where the odometry has gone astray for good, if it ends astray; giving up where the navigator begins to accept more
-    risk, as every way is closed; and any other end at the place nearest to the goal, after which nothing helped.
+    risk, as every path is closed; and any other end at the place nearest to the goal, after which nothing helped.
     """
     steps = drive.steps
     last = len(steps) - 1
@@ -48,7 +48,7 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
         return start, f"from here on, the odometry was wrong by more than {ASTRAY:g} m"
     start = _run_back(last, lambda i: steps[i]["risk_level"] > 0)
     if outcome == "no_path" and start < last:
-        return start, "from here on, the navigator accepted more risk, as known obstacles closed every way"
+        return start, "from here on, the navigator accepted more risk, as known obstacles closed every path"
     nearest = min(range(len(steps)), key=lambda i: steps[i]["distance"])
     return nearest, "the rover never came nearer to the goal than here"
 

@@ -9,7 +9,7 @@ A suite is one JSON file:
     splits        by name: the seed of its courses, and how many there are
     conditions    by name: the values under which it is driven (envs.suites.conditions)
     episodes      one for each split, condition and course: the seed of the scene, start [x m, y m, yaw rad], goal [x m,
-                  y m], length of the shortest way [m], the two digests of the scene's ground and rocks
+                  y m], length of the shortest path [m], the two digests of the scene's ground and rocks
                   (envs.suites.digest), its look: sun, air and surface (envs.suites.drawn_look), and its sensor: what is
                   wrong with rig and lenses (envs.suites.drawn_sensor)
 
@@ -47,7 +47,7 @@ FORMAT = 1
 FOLDER = Path(__file__).parent  # of the suites in the package
 SCHEMA = FOLDER / "suite.schema.json"
 SAME_PLACE = 2e-3  # [m], [rad] by which start and goal may differ
-SAME_WAY = 0.02  # [m] by which the shortest way may differ
+SAME_WAY = 0.02  # [m] by which the shortest path may differ
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from marssim.base.rover_spec import RoverSpec
 GOAL_RADIUS = 1.0  # [m] within which the goal is reached
 STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # steps, and [m] below which the rover is stuck
 STUCK_SPEED = 0.25  # share of the full speed from which a command is one to drive
-STEPS_PER_METRE = 15  # time limit: six times what the straight way takes at full speed
+STEPS_PER_METRE = 15  # time limit: six times what the straight path takes at full speed
 
 
 class Referee:

@@ -89,7 +89,7 @@ def draw_ditches(
 
 
 def draw_ditch_across(config: ReliefConfig, way: tuple[float, float, float, float], rng: np.random.Generator) -> Ditch:
-    """Draw a ditch that cuts through the middle of a straight way, and that a rover has to drive round.
+    """Draw a ditch that cuts through the middle of a straight path, and that a rover has to drive round.
 
     Args:
         config: Walls of the ditch; its sizes are drawn from ACROSS.

@@ -108,7 +108,7 @@ class DistanceField:
 
         Args:
             start: World position, x and y first [m].
-            length: Length of the path [m]: it ends after as many cells as a straight way of this length has, or at the
+            length: Length of the path [m]: it ends after as many cells as a straight path of this length has, or at the
                 goal or the map's edge.
 
         Returns:

@@ -31,8 +31,8 @@ def test_two_drives_get_one_page(run_folder, tmp_path, capsys):
 @pytest.mark.parametrize(("course", "difference"), [
     ({"goal": [9.0, 0.5]}, "their goals are 0.5 m apart"),
     ({"shortest_path": [[0.0, 0.3], [9.0, 0.0]]}, "their starts are 0.3 m apart"),
-    ({"shortest_path": [[0.0, 0.0], [4.0, 3.0], [9.0, 0.0]]}, "their shortest ways are 9.0 and 10.8 m long"),
-    ({"shortest_path": []}, "only one has a shortest way"),
+    ({"shortest_path": [[0.0, 0.0], [4.0, 3.0], [9.0, 0.0]]}, "their shortest paths are 9.0 and 10.8 m long"),
+    ({"shortest_path": []}, "only one has a shortest path"),
     ({"obstacles": []}, "they have 1 and 0 rocks that block"),
 ])  # fmt: skip
 def test_drives_of_different_courses_get_no_page(run_folder, tmp_path, capsys, course, difference):

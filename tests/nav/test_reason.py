@@ -40,17 +40,18 @@ def test_a_look_between_two_looks_is_along_the_path(monkeypatch):
     monkeypatch.setattr(navigator.planner, "plan", lambda *_: Motion(0.0, 0.4, 4.0, 0.0, np.zeros((2, 3))))
     command = navigator.step(None, None, SMALL_RIG, farther, goal, between_looks=True)
     assert command.status == "look"
-    assert reason_of(navigator, command) == "the map shows no long free way, so the mast looks along the path first"
+    expected = "the map shows no long free path, so the mast looks along the planned one first"
+    assert reason_of(navigator, command) == expected
     navigator.step(depth, None, SMALL_RIG, farther, goal)
     assert not navigator.looks_along
 
 
 @pytest.mark.parametrize(("status", "speed", "words"), [
-    ("recover", -0.15, "backs out along its track, 1.2 m left, recovery 1 of at most 6, at risk level 1 as every way"),
-    ("recover", 0.0, "turns in place to see another way, recovery 1 of at most 6, at risk level 1"),
+    ("recover", -0.15, "backs out along its track, 1.2 m left, recovery 1 of at most 6, at risk level 1 as every path"),
+    ("recover", 0.0, "turns in place to look for another path, recovery 1 of at most 6, at risk level 1"),
     ("look", 0.0, "no motion, no way back and no turn is free, at risk level 1"),
     ("stuck", 0.0, "1 recoveries brought the rover no nearer to the goal"),
-    ("no_path", 0.0, "no motion is free after 1 recoveries, and known obstacles close every way"),
+    ("no_path", 0.0, "no motion is free after 1 recoveries, and known obstacles close every path"),
 ])  # fmt: skip
 def test_a_recovery_and_its_failure_are_explained(status, speed, words):
     navigator = Navigator(config=SMALL)
@@ -65,5 +66,5 @@ def test_giving_up_says_for_how_long_every_way_was_closed():
         navigator.risk.update(closed=True, hemmed_in=False)
     reason = reason_of(navigator, Command(0.0, 0.0, None, "no_path"))
     assert navigator.risk.given_up and reason.startswith(
-        "known obstacles have closed every way to the goal for 15 steps"
+        "known obstacles have closed every path to the goal for 15 steps"
     )

@@ -26,10 +26,10 @@ def test_a_course_has_one_shot_with_all_drives_over_it():
     view = shots[0].load()
     names = [line.name for line in view.lines]
     assert names == [
-        "Goal", "Shortest passable way", *["navigator, sgbm: collision"] * 2, *["navigator, m3depth: goal"] * 2,
+        "Goal", "Shortest passable path", *["navigator, sgbm: collision"] * 2, *["navigator, m3depth: goal"] * 2,
     ]  # fmt: skip
     assert view.lines[2].colour == (209, 73, 91) and view.lines[4].colour == (42, 157, 92)
-    assert "goal 5.0 m from the start, shortest way 5.2 m" in view.note and len(view.points) == 0
+    assert "goal 5.0 m from the start, shortest path 5.2 m" in view.note and len(view.points) == 0
     footprint = view.lines[3].points
     assert np.array_equal(footprint[0], footprint[-1]) and np.allclose(footprint[:4, :2].mean(axis=0), [2.5, 0])
 

@@ -26,7 +26,7 @@ class Flat:
 
 @pytest.fixture(scope="session")
 def record_drive(make_scene, make_course, tmp_path_factory):
-    """Drives over a hand-made course with a rock in the straight way, and returns the DriveFile and its environment."""
+    """Drives over a hand-made course with a rock on the straight path; returns the DriveFile and its environment."""
 
     def record(name, driver, perception, **changes):
         course = make_course(make_scene(rocks=[(0.0, 0.0, 1.2, 0.8)]), start=(-3.0, 0.3, 0.0), goal=(3.5, 0.3))

@@ -63,7 +63,7 @@ def test_each_look_is_a_shot_from_the_true_place_of_the_left_eye(path):
     assert np.allclose(shot.pose[:3, 3] - [1, 0, 0], ZHURONG.mount.left_eye(0.27)[:3, 3])
     view = shot.load()
     assert view.note == "step 1 of 2; drive: way is free; 8.0 m to the goal; depth error 3.1 %"
-    assert {"Goal", "Shortest passable way", "Way driven", "Rover", "Planned path", "Chosen motion"} == {
+    assert {"Goal", "Shortest passable path", "Driven path", "Rover", "Planned path", "Chosen motion"} == {
         line.name for line in view.lines
     }
     assert [surface.name for surface in view.surfaces] == ["Ground", "Rocks that block", "Map of the navigator"]
@@ -100,7 +100,7 @@ def test_map_and_plans_lie_around_the_rover_in_the_true_world(path):
     lines = {line.name: line.points for line in view.lines}
     assert np.allclose(lines["Planned path"], [[1, 0, 0.55], [5, 0, 0.55]], atol=0.011)
     assert np.allclose(lines["Chosen motion"][[0, -1]], [[1, 0, 0.55], [5, 0, 0.55]], atol=0.011)
-    assert np.allclose(lines["Way driven"][:, :2], [[0, 0], [1, 0]])
+    assert np.allclose(lines["Driven path"][:, :2], [[0, 0], [1, 0]])
     assert np.allclose(lines["Rover"][:, :2].min(axis=0), [0.2, -0.7])
 
 
