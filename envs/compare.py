@@ -25,6 +25,7 @@ from envs.comparison.plots import plot_comparison, plot_depth_metrics
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
 from envs.drives.report import failure_table, in_table
+from envs.suites.suite import load_suite
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
@@ -131,17 +132,19 @@ def _work(config: CompareConfig) -> None:
     if not config.check:
         print(page(compare(config)), end="")
         return
-    refused = []
+    if config.suite is not None:
+        load_suite(config.suite)  # a wrong one is no fault of the files
+    refused = 0
     for path in config.results:
         try:
-            print(_in_words(read_results(path, config.suite)))
+            print(_in_words(read_results(path, config.suite)), flush=True)
         except DatasetError as error:
             if len(config.results) == 1:
                 raise
-            refused.append(path)
-            print(error)
+            refused += 1
+            print(f"error: {error}", file=sys.stderr)
     if refused:
-        raise DatasetError(f"{len(refused)} of {counted(len(config.results), 'file')} cannot be true: see above")
+        raise DatasetError(f"{refused} of {counted(len(config.results), 'file')} were refused")
 
 
 def _in_words(file: SuiteResults) -> str:

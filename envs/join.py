@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,6 +36,7 @@ from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 
 EPISODES = "episodes"  # folder of the records in it
+NAMED = 5  # shards that a message names
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
 TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
 CAUSE = "cause"  # entry of a record
@@ -108,7 +110,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
     )
     if unlike := differences(_shared(marks[0]), as_json(joined.content())):
         raise DatasetError(f"{first / SETTINGS}: does not belong to its results.json ({unlike[0]})")
-    records = _records(joined, config.shards, _absent([content["config"].get("shard") for content in contents]))
+    records = _records(joined, config.shards, _absent([content["config"] for content in contents]))
     with results.claim():
         _check_earlier(config.out / EPISODES, records)
         (config.out / EPISODES).mkdir(exist_ok=True)
@@ -123,16 +125,24 @@ def join(config: JoinConfig) -> dict[str, Any]:
         return write_results(joined, driven_by, test_errors)[0]
 
 
-def _absent(shards: Sequence[Any]) -> str:
-    """Return words on the shards I/N that are not among some; "" if that is not clear."""
-    try:
-        given = [shard_of(shard) for shard in shards]
-    except (TypeError, ValueError):
-        return ""
-    parts = {total for _, total in given}
-    total = max(parts)
-    absent = [f"{part + 1}/{total}" for part in range(total) if (part, total) not in given] if len(parts) == 1 else []
-    return f"; not given: shard {', '.join(absent)}" if absent else ""
+def _absent(configs: Sequence[Mapping[str, Any]]) -> str:
+    """Return words on the shards I/N of each method that are not among those of some settings; "" if there are none."""
+    given: dict[tuple[str, str], set[tuple[int, int]]] = {}
+    for config in configs:
+        for method in product(config["driver"], config["perception"]):
+            given.setdefault(method, set()).add(shard_of(config.get("shard")))
+    lacking: dict[str, list[tuple[str, str]]] = {}
+    for method, shards in given.items():
+        for total in {parts for _, parts in shards}:
+            absent = [f"{part + 1}/{total}" for part in range(total) if (part, total) not in shards]
+            more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
+            if absent:
+                lacking.setdefault(f"shard {', '.join(absent[:NAMED])}{more}", []).append(method)
+    words = [
+        absent if len(methods) == len(given) else f"{absent} of {' and '.join(map(', '.join, methods))}"
+        for absent, methods in lacking.items()
+    ]
+    return f"; not given: {'; '.join(words)}" if words else ""
 
 
 def _records(joined: EvaluateConfig, shards: Sequence[Path], absent: str) -> dict[str, Path]:

@@ -70,7 +70,7 @@ class MakeSuiteConfig:
             raise ValueError(f"--out {self.out}: the file of a suite must end in .json")
         if self.out is not None and self.held_out is not None and self.published is None:
             raise ValueError("--out needs --published: without it, the command prints the digest, and writes no file")
-        if self.name is None and self.held_out is None:
+        if not self.name and self.held_out is None:
             raise ValueError("--name must name the new suite, with its version")
 
 

@@ -384,7 +384,7 @@ def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
 def _check_arguments(estimator: Estimator, where: str) -> None:
     """Raise ValueError if infer cannot be called as infer(left, right, rig); where: the estimator, for the message."""
     try:
-        asked = signature(estimator.infer)
+        asked = signature(estimator.infer, follow_wrapped=False)  # a decorator may supply arguments
     except (TypeError, ValueError):  # of compiled code, which does not say what it takes
         return
     try:

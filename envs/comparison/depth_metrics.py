@@ -14,8 +14,9 @@ from envs.drives.report import bounds
 from envs.world.perception import GROUND_TRUTH
 from m3depth.evaluation.bootstrap import DRAWS, interval
 
-FEWEST = 3  # dots that a correlation needs, and that must differ from the others in the metric
+FEWEST = 3  # dots that a correlation needs, and that must differ from the others in the metric and in the score
 FEWEST_CONDITIONS = 4  # that its interval needs
+MOST_WITHOUT = 0.05  # share of the samples of its bootstrap that may have no correlation
 DIGITS = 12  # decimals of scores and metrics that count, as means of equal values may differ by rounding
 SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
 
@@ -114,8 +115,9 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     Returns:
         Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), logarithmic
         (whether Pearson's is with the logarithm), and spearman and pearson, each with its 95 % interval, None with
-        fewer than four conditions. There is no row of fewer than three dots, where fewer than three (of three dots:
-        two) differ in the metric from the value that most have, or where all have one score.
+        fewer than four conditions, and where more than one of 20 samples of the bootstrap has no correlation. There
+        is no row of fewer than three dots, or where fewer than three (of three dots: two) differ from the value that
+        most have, in the metric or in the score.
     """
     rows = []
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
@@ -123,7 +125,7 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             both = [dot for dot in dots if dot[name] is not None and dot[score] is not None]
             x, y = (np.array([dot[key] for dot in both], float).round(DIGITS) for key in (name, score))
             conditions = [dot["condition"] for dot in both]
-            if len(both) < FEWEST or len(x) - np.unique(x, return_counts=True)[1].max() < min(FEWEST, len(x) - 1):
+            if len(both) < FEWEST or min(map(_differing, (x, y))) < min(FEWEST, len(both) - 1):
                 continue
             logarithmic = metric.logarithmic and x.min() > 0
             weights = _resampled(conditions)
@@ -131,15 +133,19 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "spearman": correlation(ranks(x, weights), ranks(y, weights), weights),
                 "pearson": correlation(np.log(x) if logarithmic else x, y, weights),
             }
-            if not all(np.isfinite(values[0]) for values in of_each.values()):  # all dots have one value
-                continue
             row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": bool(logarithmic)}
             for kind, values in of_each.items():
                 row[kind] = float(values[0])
-                enough = len(set(conditions)) >= FEWEST_CONDITIONS
-                row[f"{kind}_interval"] = list(interval(values[np.isfinite(values)])) if enough else None
+                known = np.isfinite(values)
+                enough = len(set(conditions)) >= FEWEST_CONDITIONS and known.mean() >= 1 - MOST_WITHOUT
+                row[f"{kind}_interval"] = list(interval(values[known])) if enough else None
             rows.append(row)
     return rows
+
+
+def _differing(values: np.ndarray) -> int:
+    """Return how many values differ from the one that most have."""
+    return len(values) - int(np.unique(values, return_counts=True)[1].max())
 
 
 def correlation_of(rows: Sequence[Mapping[str, Any]], score: str, metric: str) -> Mapping[str, Any] | None:
@@ -151,8 +157,8 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows of correlate as a Markdown table, with a note on what they are; without rows, say why."""
     if not rows:
         return (
-            f"No correlation of scores with the depth: it takes {FEWEST} methods and conditions or more that differ in "
-            "an error of the depth and in a score.\n"
+            f"No correlation of scores with the depth: it takes {FEWEST} dots or more (a method under a condition) "
+            "that differ from the others in an error of the depth and in a score.\n"
         )
     lines = [
         "| score | metric of the depth | dots | Spearman (95 %) | Pearson (95 %) |", "|---|---|---|---|---|",
@@ -165,9 +171,9 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
     ]  # fmt: skip
     note = (
         "A dot is a method under a condition. Intervals are by the bootstrap over the conditions, where there are "
-        f"{FEWEST_CONDITIONS} or more. By the logarithm: the correlation with the logarithm of the metric. Less true "
-        "depth: less the score of the same driver with true depth on the same courses, which leaves out how hard a "
-        "condition is for any eyes."
+        f"{FEWEST_CONDITIONS} or more and nearly all samples have a correlation. By the logarithm: the correlation "
+        "with the logarithm of the metric. Less true depth: less the score of the same driver with true depth on the "
+        "same courses, which leaves out how hard a condition is for any eyes."
     )
     return "\n".join([*lines, "", note]) + "\n"
 

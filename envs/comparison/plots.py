@@ -14,13 +14,13 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
 from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_in_words, correlation_of
-from envs.comparison.report import FEWEST_COURSES, OVERALL
+from envs.drives.metrics import FEWEST_COURSES
 from m3depth.figures.drawing import save
 
 SPREAD = 0.7  # of the height of a condition, over which its methods lie
 LABELLED = 10  # dots of a panel that are labelled with their condition, if there is room: those of the lowest scores
 LABEL_HEIGHTS = (-2, 3, -7)  # [pt] of a label over its dot, in the order in which they are tried
-DOT = 3  # [px] half the width of a dot
+DOT_SIZE = 5  # [pt] width of a dot
 LOG_TICKS = (1, 2, 5)  # of each decade
 
 
@@ -44,8 +44,6 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         of_method = [row for row in rows if row["method"] == method]
         aside = SPREAD * ((n + 0.5) / len(methods) - 0.5)
         at = np.arange(len(of_method)) + aside
-        few = np.array([row["courses"] < FEWEST_COURSES for row in of_method])
-        few_overall = few & [row["condition"] == OVERALL for row in of_method]
         values = [
             ([100 * row["success_rate"] for row in of_method], [row["success_interval"] for row in of_method], 100),
             ([row["spl"] for row in of_method], [row["spl_interval"] for row in of_method], 1),
@@ -56,9 +54,9 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
                 ([100 * each["difference"] for each in less], [each["interval"] for each in less], 100),
                 ([each["spl_difference"] for each in less], [each["spl_interval"] for each in less], 1),
             ]
-        for axes, (middle, ends, scale), without in zip(panels, values, (few_overall, few) * 2, strict=False):
-            low, high = scale * np.array(ends).T
-            error = np.where(without, np.nan, np.abs(np.vstack([middle - low, high - middle])))
+        for axes, (middle, ends, scale) in zip(panels, values, strict=False):
+            low, high = scale * np.array([each or (np.nan, np.nan) for each in ends]).T
+            error = np.abs(np.vstack([middle - low, high - middle]))
             axes.errorbar(middle, at, xerr=error, fmt="o", color=f"C{n}", ms=3.5, lw=1.2, capsize=1.5, label=method)
     panels[0].set(xlabel="success [%]", xlim=(-4, 104))
     panels[1].set(xlabel="SPL", xlim=(-0.04, 1.04))
@@ -74,9 +72,11 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     panels[0].set_yticks(range(len(conditions)), [name.replace("_", " ") for name in conditions])
     panels[0].set_ylim(len(conditions) - 0.5, -0.5)
     handles, labels = panels[0].get_legend_handles_labels()
+    few = any(row["courses"] < FEWEST_COURSES for row in rows)
+    short = f"; none by the bootstrap over fewer than {FEWEST_COURSES} courses" if few else ""
     figure.legend(
         handles, [f"{labels[0]} (first)", *labels[1:]], loc="outside upper center", ncols=min(len(labels), 3),
-        fontsize=8, title="bars are 95 % intervals", title_fontsize=8,
+        fontsize=8, title=f"bars are 95 % intervals{short}", title_fontsize=8,
     )  # fmt: skip
     save(figure, path)
 
@@ -103,7 +103,7 @@ def plot_depth_metrics(
             for method, colour in colours.items():
                 if of_method := [dot for dot in with_metric if dot["method"] == method]:
                     x, y = (np.array([dot[name] for dot in of_method]) for name in (metric, score))
-                    axes.plot(x, scale * y, "o", color=colour, ms=5, alpha=0.8, mew=0, label=method)
+                    axes.plot(x, scale * y, "o", color=colour, ms=DOT_SIZE, alpha=0.8, mew=0, label=method)
             axes.set_title(_correlation_in_words(correlation_of(correlations, score, metric)), fontsize=8)
             axes.grid(alpha=0.3)
             if METRICS[metric].logarithmic and min(dot[metric] for dot in with_metric) > 0:
@@ -123,31 +123,44 @@ def plot_depth_metrics(
     for row, (score, (_, scale)) in zip(panels, SCORES.items(), strict=True):
         for axes, metric in zip(row, shown, strict=True):
             _label_lowest(axes, [
-                (dot["condition"].replace("_", " "), dot[metric], scale * dot[score])
+                (dot["condition"].replace("_", " "), colours[dot["method"]], dot[metric], scale * dot[score])
                 for dot in dots if dot[metric] is not None
             ])  # fmt: skip
     save(figure, path)
 
 
-def _label_lowest(axes: Axes, dots: Sequence[tuple[str, float, float]]) -> None:
-    """Write the words of the LABELLED lowest dots (words, x, y) beside them, where they cover no dot and no others."""
-    around = np.array([[-DOT, -DOT], [DOT, DOT]])
-    taken = [Bbox(around + place) for place in axes.transData.transform([(x, y) for _, x, y in dots])]
-    for words, x, y in sorted(dots, key=lambda dot: dot[2])[:LABELLED]:
+def _label_lowest(axes: Axes, dots: Sequence[tuple[str, str, float, float]]) -> None:
+    """Write the words of the LABELLED lowest dots (words, colour, x, y) beside them, where they cover nothing else.
+
+    A label that would be nearer to another dot than to its own is left out too.
+    """
+    places = axes.transData.transform([(x, y) for _, _, x, y in dots])
+    half = DOT_SIZE / 2 * axes.figure.dpi / 72  # [px]
+    circles = [Bbox([place - half, place + half]) for place in places]
+    taken = list(circles)
+    for n in sorted(range(len(dots)), key=lambda n: dots[n][3])[:LABELLED]:
+        words, colour, x, y = dots[n]
         for right, up in product((True, False), LABEL_HEIGHTS):
             label = axes.annotate(
                 words, (x, y), (5 if right else -5, up), ha="left" if right else "right", fontsize=6.5,
-                textcoords="offset points", color="#555",
+                textcoords="offset points", color=colour,
             )  # fmt: skip
             box = label.get_window_extent()
-            inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0
-            if inside and box.y1 <= axes.bbox.y1 and not any(box.overlaps(other) for other in taken):
+            inside = box.x0 >= axes.bbox.x0 and box.x1 <= axes.bbox.x1 and box.y0 >= axes.bbox.y0
+            inside &= box.y1 <= axes.bbox.y1
+            distances = [_distance(box, place) for place in places]
+            if inside and not any(map(box.overlaps, taken)) and distances[n] <= min(distances):
                 taken.append(box)
                 break
             label.remove()
 
 
+def _distance(box: Bbox, place: np.ndarray) -> float:
+    """Return the distance of a place from a box, in their unit; 0 inside."""
+    return float(np.hypot(*np.maximum(np.maximum(box.min - place, place - box.max), 0)))
+
+
 def _correlation_in_words(row: Mapping[str, Any] | None) -> str:
     if row is None:
-        return f"no correlation: fewer than {FEWEST} dots, or all alike"
+        return f"no correlation: fewer than {FEWEST} dots that differ"
     return "\n".join(f"{kind.capitalize()} {correlation_in_words(row, kind)}" for kind in ("spearman", "pearson"))

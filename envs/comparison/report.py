@@ -10,13 +10,13 @@ import numpy as np
 
 from envs.comparison.methods import DrivenMethod, shared_episodes
 from envs.comparison.suite_results import Episode, Key
-from envs.drives.metrics import count_failures, paired_scores, wilson_interval
+from envs.drives.metrics import FEWEST_COURSES, count_failures, course_interval, paired_scores, wilson_interval
 from envs.drives.report import bounds, in_table
-from m3depth.evaluation.bootstrap import interval, resampled_means
+from m3depth.estimator import M3DEPTH
+from m3depth.evaluation.bootstrap import resampled_means
 from marssim.base.command.wording import counted
 
 OVERALL = "all"  # row over all conditions
-FEWEST_COURSES = 4  # that a bootstrap over the courses needs
 SHOWN = 12  # digits of a digest that a note shows
 
 
@@ -30,7 +30,8 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
 
     Returns:
         condition, method, episodes; courses: how many numbers they have; success_rate with its interval, Wilson's for a
-        condition, and by the bootstrap over the courses over several conditions; spl with its bootstrap interval; and
+        condition, and by the bootstrap over the courses over several conditions; spl with its bootstrap interval (those
+        by the bootstrap are None with fewer than FEWEST_COURSES courses); and
         `less`: the difference to the first method as envs.drives.metrics.paired_difference has it, None for the first.
         Courses of one number under several conditions are drawn together.
 
@@ -53,11 +54,11 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
                 {
                     "condition": condition, "method": label, "episodes": len(keys),
                     "courses": len(set(courses)), "success_rate": success,
-                    "success_interval": list(
-                        interval(means[:, 0]) if condition == OVERALL
-                        else wilson_interval(success * len(keys), len(keys))
+                    "success_interval": (
+                        course_interval(means[:, 0], courses) if condition == OVERALL
+                        else list(wilson_interval(success * len(keys), len(keys)))
                     ),
-                    "spl": weighted, "spl_interval": list(interval(means[:, 1])),
+                    "spl": weighted, "spl_interval": course_interval(means[:, 1], courses),
                     "less": None if label == first else paired_scores(driven, drives[first]),
                 }
             )  # fmt: skip
@@ -73,23 +74,24 @@ def comparison_table(rows: list[dict[str, Any]]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        less, courses = row["less"], row["courses"]
-        of_success = courses if row["condition"] == OVERALL else None
+        less = row["less"]
         differences = ("-", "-") if less is None else (
-            f"{100 * less['difference']:+.0f} points{_ends(less['interval'], 100, '+.0f', of_success)}",
-            f"{less['spl_difference']:+.3f}{_ends(less['spl_interval'], 1, '+.3f', courses)}",
+            f"{100 * less['difference']:+.0f} points{bounds(less['interval'], 100, '+.0f')}",
+            f"{less['spl_difference']:+.3f}{bounds(less['spl_interval'], 1, '+.3f')}",
         )  # fmt: skip
-        drives = str(row["episodes"]) if row["episodes"] == courses else f"{row['episodes']} on {courses} courses"
+        episodes, courses = row["episodes"], row["courses"]
+        drives = str(episodes) if episodes == courses else f"{episodes} on {courses} courses"
         lines.append(
             f"| {row['condition']} | {in_table(row['method'])} | {drives} "
-            f"| {100 * row['success_rate']:.0f} %{_ends(row['success_interval'], 100, '.0f', of_success)} "
-            f"| {row['spl']:.3f}{_ends(row['spl_interval'], 1, '.3f', courses)} | {differences[0]} | {differences[1]} |"
+            f"| {100 * row['success_rate']:.0f} %{bounds(row['success_interval'], 100, '.0f')} "
+            f"| {row['spl']:.3f}{bounds(row['spl_interval'], 1, '.3f')} | {differences[0]} | {differences[1]} |"
         )
     note = (
-        f"The differences are those to {in_table(first)} on the same courses, with 95 % intervals. That of success "
-        "under a condition is Newcombe's interval for paired proportions. That of SPL, and those over all of several "
-        f"conditions, are by the paired bootstrap over the courses, where there are {FEWEST_COURSES} courses or more. "
-        "Another difference without an interval is the same on all courses."
+        f"The differences are those to {in_table(first)} on the same courses. Intervals are 95 %: that of success "
+        "under a condition is Wilson's, and that of its difference Newcombe's for paired proportions. All others, "
+        f"those of SPL and of the row {OVERALL}, are by the bootstrap over the courses, paired for differences, and "
+        f"are given for {FEWEST_COURSES} courses or more. Otherwise, a value without an interval is the same on all "
+        "courses."
     )
     return "\n".join([*lines, "", note]) + "\n"
 
@@ -140,7 +142,8 @@ def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
     states = Counter(method.episodes[key].get("code") or "an unknown state" for key in shared)
     counts = ", ".join(f"{counted(number, 'episode')} by {state}" for state, number in states.most_common())
     words = f"by code {next(iter(states))}" if len(states) == 1 else f"by different states of the code ({counts})"
-    words += f", in {method.runtime}" if method.runtime and method.perception in method.weights else ""
+    network = method.perception.partition(":")[0] == M3DEPTH
+    words += f", in {method.runtime}" if network and method.runtime else ""
     return words + "".join(f", {name} with SHA-256 {digest[:SHOWN]}" for name, digest in method.weights.items())
 
 
@@ -156,8 +159,3 @@ def _left_out(methods: Mapping[str, DrivenMethod], compared: int) -> str:
 def scores(episode: Episode) -> tuple[float, float]:
     """Return success and SPL of an episode."""
     return float(episode["success"]), float(episode["spl"])
-
-
-def _ends(ends: Sequence[float], scale: float, digits: str, courses: int | None) -> str:
-    """Return an interval in words; "" for one by the bootstrap over too few courses, None for one by another method."""
-    return "" if courses is not None and courses < FEWEST_COURSES else bounds(ends, scale, digits)

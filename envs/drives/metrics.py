@@ -16,6 +16,7 @@ FAILURES = {
     "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
     "elsewhere": ("elsewhere",),
 }  # fmt: skip
+FEWEST_COURSES = 4  # that an interval by the bootstrap over the courses needs
 UNREACHABLE_MARK = 0.20  # share of goals without a way above which the table marks a cell
 
 
@@ -125,7 +126,8 @@ def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRe
     numbers differ by the same amount, the interval has no width and says nothing.
 
     Returns:
-        episodes; courses: how many numbers they have; difference, interval, spl_difference and spl_interval.
+        episodes; courses: how many numbers they have; difference, interval, spl_difference and spl_interval. Intervals
+        by the bootstrap are None with fewer than FEWEST_COURSES numbers.
 
     Raises:
         ValueError: If the two do not hold the same episodes.
@@ -150,13 +152,23 @@ def paired_scores(
         "episodes": len(keys),
         "courses": len(set(courses)),
         "difference": float(gains[:, 0].mean()),
-        "interval": list(
-            newcombe_interval(pairs[True, True], pairs[True, False], pairs[False, True], pairs[False, False])
-            if in_one_cell else interval(means[:, 0])
+        "interval": (
+            list(newcombe_interval(pairs[True, True], pairs[True, False], pairs[False, True], pairs[False, False]))
+            if in_one_cell else course_interval(means[:, 0], courses)
         ),
         "spl_difference": float(gains[:, 1].mean()),
-        "spl_interval": list(interval(means[:, 1])),
+        "spl_interval": course_interval(means[:, 1], courses),
     }  # fmt: skip
+
+
+def course_interval(means: np.ndarray, courses: Sequence[int]) -> list[float] | None:
+    """Return the 95 % interval of a mean by the bootstrap over courses; None with fewer than FEWEST_COURSES of them.
+
+    Args:
+        means: (samples,) means of the bootstrap's samples, as resampled_means returns them.
+        courses: Number of the course of each episode.
+    """
+    return list(interval(means)) if len(set(courses)) >= FEWEST_COURSES else None
 
 
 def _scores(record: EpisodeRecord) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import plot_maps
-from envs.drives.metrics import UNREACHABLE_MARK, count_failures
+from envs.drives.metrics import FEWEST_COURSES, UNREACHABLE_MARK, count_failures
 from envs.drives.plots import plot_success
 from envs.world.referee import GOAL_RADIUS
 from m3depth.evaluation.running_sums import NEAR_GROUND
@@ -28,7 +28,7 @@ under a single condition is Newcombe's for paired proportions, all others are by
 courses."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
-ONE_COURSE = "no interval: one course only"
+FEW_COURSES = f"no interval: fewer than {FEWEST_COURSES} courses"
 UNKNOWN_CAUSE = "unknown"
 
 
@@ -202,14 +202,15 @@ def in_table(name: str) -> str:
     return name.replace("\\", "\\\\").replace("|", "\\|").replace("<", "\\<")
 
 
-def bounds(ends: Sequence[float], scale: float, digits: str) -> str:
-    """Return an interval in words, as " (0.71 to 0.84)"; "" if it has no width."""
-    low, high = ends
-    return f" ({scale * low:{digits}} to {scale * high:{digits}})" if low < high else ""
+def bounds(ends: Sequence[float] | None, scale: float, digits: str) -> str:
+    """Return an interval in words, such as " (0.71 to 0.84)"; "" if there is none, or it has no width."""
+    if ends is None or not ends[0] < ends[1]:
+        return ""
+    return f" ({scale * ends[0]:{digits}} to {scale * ends[1]:{digits}})"
 
 
 def _without(row: Mapping[str, Any]) -> str:
     """Return a remark on values without an interval."""
-    none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not row[key][0] < row[key][1]]
-    reason = ONE_COURSE if row["courses"] == 1 else NO_INTERVAL
+    none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not bounds(row[key], 1, "")]
+    reason = FEW_COURSES if row["courses"] < FEWEST_COURSES else NO_INTERVAL
     return f" ({' and '.join(none)}: {reason})" if none else ""

@@ -159,7 +159,7 @@ function mapPanel(drive) {
 
 function mapLegend() {
   const colours = DATA.colours.map;
-  const entries = [[colours[1], "free"], [colours[200], "costly"], [colours[220], "too close to an obstacle for the rover"],
+  const entries = [[colours[1], "free"], [colours[200], "costly"], [colours[220], "too near to an obstacle"],
     [colours[250], "blocked"], [colours[0], "not seen"], ["#fff", "chosen motion, planned path (dashed), rover"],
     [costColour(0), "least cost"], [costColour(DEAR), `costs ${DEAR} m more`], ["#14100e", "not free"], ["#8fd0ff", "driven"],
     ["#59c8ff", "goal"], ["#ff4b3a", "rover in contact"], ["#faeb96", "shortest path"], ["#fff", "rocks (rings)"]];

@@ -14,10 +14,7 @@ import numpy as np
 
 from m3depth.stereo.pairs import NEAREST
 from marssim.base.camera import StereoRig
-from marssim.base.compute.one_thread import several_threads
-from marssim.base.compute.threads import in_threads
 
-THREADS = 2  # that search corners, where several may compute
 SEARCH_WIDTH = 256  # [px] width of the reduced images in which corners are searched
 CELLS = 8  # rows and columns of cells, which all give equally many corners
 CORNERS = 6  # most corners of a cell
@@ -59,20 +56,14 @@ def band_matches(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach: flo
     beyond, rows = math.ceil(BEYOND * size[0]), math.ceil(reach * scale)
     margin = PATCH // 2
     band = cv2.copyMakeBorder(b, rows, rows, along, beyond, cv2.BORDER_REPLICATE)
-
-    def found(corners: np.ndarray) -> list[tuple[int, int, int, int]]:
-        matches = []
-        for x, y in corners:
-            patch = a[y - margin : y + margin + 1, x - margin : x + margin + 1]
-            strip = band[y - margin : y + margin + 1 + 2 * rows, x - margin : x + margin + 1 + along + beyond]
-            _, likeness, _, (column, row) = cv2.minMaxLoc(cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED))
-            if LEAST_CORRELATION < likeness < np.inf:
-                matches.append((x, y, x + column - along, y + row - rows))
-        return matches
-
-    corners = _spread_corners(a, margin)
-    parts = in_threads(found, np.array_split(corners, THREADS), THREADS) if several_threads() else [found(corners)]
-    places = np.array([match for part in parts for match in part], float).reshape(-1, 2, 2)
+    matches = []
+    for x, y in _spread_corners(a, margin):
+        patch = a[y - margin : y + margin + 1, x - margin : x + margin + 1]
+        strip = band[y - margin : y + margin + 1 + 2 * rows, x - margin : x + margin + 1 + along + beyond]
+        _, likeness, _, (column, row) = cv2.minMaxLoc(cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED))
+        if LEAST_CORRELATION < likeness < np.inf:
+            matches.append((x, y, x + column - along, y + row - rows))
+    places = np.array(matches, float).reshape(-1, 2, 2)
     places = (places + 0.5) * [width / size[0], height / size[1]] - 0.5
     return places[:, 0], places[:, 1]
 

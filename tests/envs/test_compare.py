@@ -2,6 +2,7 @@ import json
 import math
 import shutil
 
+import numpy as np
 import pytest
 
 from envs.compare import CompareConfig, compare, main
@@ -40,10 +41,12 @@ def test_every_file_is_checked_and_part_of_a_split_is_called_so(suite_run, small
     part.write_text(json.dumps({**content, "episodes": kept, "suite": suite}))
     assert main([*map(str, (bad, part, suite_run)), "--check", "--suite", str(small_suite)]) == 2
     out, error = capsys.readouterr()
-    first, second, third = out.splitlines()
-    assert first.startswith(f"{bad}: ") and f"{part}: 2 of 4 episodes of small-v1" in second
-    assert ": all 4 episodes of small-v1" in third
-    assert error == "error: 1 of 3 files cannot be true: see above\n"
+    first, second = out.splitlines()
+    assert first.startswith(f"{part}: 2 of 4 episodes of small-v1") and ": all 4 episodes of small-v1" in second
+    first, last = error.splitlines()
+    assert first.startswith(f"error: {bad}: ") and last == "error: 1 of 3 files were refused"
+    assert main([str(part), str(suite_run), "--check", "--suite", str(tmp_path / "none.json")]) == 2
+    assert capsys.readouterr() == ("", f"error: suite {tmp_path / 'none.json'}: no such file\n")
 
 
 NO_ROCKS = {"rocks": 0, "rocks_missed": 0, "false_obstacles": 0}
@@ -166,6 +169,12 @@ def test_a_shard_must_hold_the_whole_of_its_part(edited, small_suite, capsys):
     assert "1 episode is missing, such as rare_looks, course 1" in capsys.readouterr().err
 
 
+def drawn_bars(axes):
+    """The number of error bars."""
+    ends = [end for bars in axes.containers for end in bars.lines[2][0].get_segments()]
+    return sum(len(end) == 2 and bool(np.isfinite(end).all()) for end in ends)
+
+
 def test_methods_of_several_files_are_compared_by_course(
     suite_run, edited, small_suite, tmp_path, capsys, drawn_figures
 ):
@@ -189,6 +198,10 @@ def test_methods_of_several_files_are_compared_by_course(
     assert best["less"]["difference"] == pytest.approx(1 - first["success_rate"])
     assert {file.name for file in out.iterdir()} == {"comparison.json", "comparison.md", "comparison.png"}
     success, spl, less_success, less_spl = drawn_figures[0].axes
+    assert drawn_figures[0].legends[0].get_title().get_text() == (
+        "bars are 95 % intervals; none by the bootstrap over fewer than 4 courses"
+    )
+    assert drawn_bars(success) == 2 * len(overall) and drawn_bars(spl) == 0  # Wilson's, under both conditions
     shown = {bars.get_label(): bars.lines[0].get_xdata() for bars in success.containers}
     for method in overall:
         of_method = [row for row in rows if row["method"] == method]

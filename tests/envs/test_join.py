@@ -8,7 +8,7 @@ from recorded_drives import drive_bytes
 from envs.drives.config import EvaluateConfig
 from envs.drives.records import read_record
 from envs.evaluate import evaluate
-from envs.join import JoinConfig, join, main
+from envs.join import JoinConfig, _absent, join, main
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
@@ -94,6 +94,20 @@ def test_missing_episodes_are_counted(shards, tmp_path, capsys):
     error = capsys.readouterr().err
     assert "4 episodes of 8 are in none of the shards, such as straight-ground_truth" in error
     assert error.endswith("; not given: shard 2/2\n")
+
+
+def test_a_message_on_absent_shards_names_the_methods_that_lack_them():
+    def config(shard, *perceptions):
+        return {"driver": ["navigator"], "perception": perceptions, "shard": shard}
+
+    assert _absent([config("1/2", "sgbm"), config("2/2", "sgbm"), config(None, "m3depth")]) == ""
+    assert _absent([config("1/2", "sgbm"), config("2/2", "sgbm"), config("1/2", "m3depth")]) == (
+        "; not given: shard 2/2 of navigator, m3depth"
+    )
+    assert _absent([config("1/3", "sgbm", "sad"), config("2/3", "m3depth")]) == (
+        "; not given: shard 2/3, 3/3 of navigator, sgbm and navigator, sad; shard 1/3, 3/3 of navigator, m3depth"
+    )
+    assert _absent([config("1/140", "sgbm")]) == "; not given: shard 2/140, 3/140, 4/140, 5/140, 6/140 and 134 more"
 
 
 def test_a_folder_that_is_given_twice_is_refused(shards, tmp_path, capsys):

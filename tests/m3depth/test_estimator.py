@@ -1,5 +1,6 @@
 """Estimators by name, and the errors for names that mean nothing."""
 
+import functools
 import hashlib
 import subprocess
 import sys
@@ -29,6 +30,27 @@ from marssim.base.camera import PinholeCamera, StereoRig
 
 class NoEstimator:
     pass
+
+
+class WithState:
+    """Its decorator supplies the last argument."""
+
+    @staticmethod
+    def remembering(infer):
+        @functools.wraps(infer)
+        def with_state(self, left, right, rig):
+            return infer(self, left, right, rig, {})
+
+        return with_state
+
+    @remembering
+    def infer(self, left, right, rig, state):
+        pass
+
+
+def test_a_decorator_may_supply_arguments_of_infer():
+    estimator = WithState()
+    assert load_estimator(estimator) is estimator
 
 
 class TwoImages:
@@ -62,7 +84,7 @@ def test_an_object_comes_back_as_it_is():
         (NoEstimator(), "has no method infer"),
         (SGBM, "has no method infer"),
         (TwoImages(), r"infer\(left, right\) must take left, right and rig \(too many positional arguments\)"),
-        ("my_stereo.py:Net", "No module named 'my_stereo'; leave out .py: name it as my_stereo"),
+        ("my_stereo.py:Net", "No module named 'my_stereo'; name it as my_stereo"),
     ],
 )
 def test_a_wrong_estimator_is_named(spec, message):

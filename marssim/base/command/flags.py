@@ -112,6 +112,7 @@ def _annotate_help(config: type) -> None:
     tyro would take the docstrings by itself, but then breaks the lines of --help where the source does.
     """
     import docstring_parser
+    import tyro
     from typing_extensions import Doc
 
     if config in _annotated:
@@ -127,7 +128,14 @@ def _annotate_help(config: type) -> None:
         for name in {field.name for field in fields(owner)} & set(owner.__annotations__):
             if text := cleandoc(helps.get(name) or ""):
                 paragraphs = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
-                owner.__annotations__[name] = Annotated[hints[name], Doc("\n\n".join(paragraphs))]
+                plain = not is_dataclass(getattr(hints[name], "__origin__", hints[name]))
+                hint = (tyro.conf.arg(help_behavior_hint=_default_in_words),) if plain else ()
+                owner.__annotations__[name] = Annotated[(hints[name], Doc("\n\n".join(paragraphs)), *hint)]
+
+
+def _default_in_words(default: str) -> str:
+    """Return the end of a flag's help: its default, unless it is that the flag is left out, which the help explains."""
+    return "" if default in ("", "None") else f"(default: {default})"
 
 
 def joined(args: Sequence[str], flags: set[str]) -> list[str]:
@@ -264,7 +272,7 @@ def _with_flag(message: str, where: str, config: type) -> str:
             return message
         holders, prefix = [part], prefix + named * f"{name.replace('_', '-')}."
     holders += [part for part, named in _parts(holders[0]).values() if not named]
-    word = re.match(r"[a-z]\w*(?![\w./\\-])", message)  # not the begin of a path
+    word = re.match(r"[a-z]\w*(?![\w./\\-])", message)  # not the beginning of a path
     if word is None or not any(word[0] in get_type_hints(holder) for holder in holders):
         return message
     return f"--{prefix}{word[0].replace('_', '-')}{message[word.end() :]}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
+
 GOES_ON = "the same command goes on from here"
 STARTS_OVER = "the same command starts over"  # likewise, of a command that keeps nothing
 KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
@@ -27,9 +29,12 @@ def where_to_run(error: ImportError, module: str) -> str:
     """
     if not isinstance(error, ModuleNotFoundError) or not error.name or not f"{module}.".startswith(f"{error.name}."):
         return ""
+    if "/" in module or module.endswith(".py"):
+        path = PurePosixPath(module.removesuffix(".py"))
+        if path.is_absolute():
+            return f"; name it as {path.name}, and run python -m in {path.parent}"
+        return f"; name it as {'.'.join(path.parts)}"
     package, dot, _ = module.partition(".")
-    if module.endswith(".py") and not module.startswith("."):
-        return f"; leave out .py: name it as {module.removesuffix('.py')}"
     return f"; run python -m in the folder of {package}{'' if dot else '.py'}, or put this folder on PYTHONPATH"
 
 

@@ -78,6 +78,33 @@ def test_a_metric_in_which_two_dots_differ_from_the_rest_has_no_correlation():
         assert len(correlate(dots)) == rows
 
 
+def test_a_single_odd_score_has_no_correlation():
+    dots = [
+        {
+            "condition": str(n), "method": "eyes", "success_rate": 0.5 if n == 13 else 1.0, "spl": 0.9 - 0.01 * n,
+            "success_rate_less_truth": None, "spl_less_truth": None, "abs_rel": 0.01 + 0.01 * n, "rocks_missed": None,
+            "false_obstacles": None, "near_ground_as_sky": None,
+        }
+        for n in range(14)
+    ]  # fmt: skip
+    (row,) = correlate(dots)
+    assert row["score"] == "spl" and row["spearman"] == pytest.approx(-1)
+
+
+def test_an_interval_needs_a_correlation_in_nearly_all_samples():
+    """Four methods that differ under one condition alone: a third of the samples lack this condition."""
+    dots = [
+        {
+            "condition": str(n), "method": name, "success_rate": 1.0, "spl": 0.9 - 0.1 * m * (n == 0),
+            "success_rate_less_truth": None, "spl_less_truth": None, "abs_rel": 0.01 * (1 + m), "rocks_missed": None,
+            "false_obstacles": None, "near_ground_as_sky": None,
+        }
+        for n in range(4) for m, name in enumerate("abcd")
+    ]  # fmt: skip
+    (row,) = correlate(dots)
+    assert np.isfinite(row["spearman"]) and row["spearman_interval"] is None and row["pearson_interval"] is None
+
+
 def test_three_conditions_are_too_few_for_an_interval():
     dots = [dot for dot in condition_dots({"truth": TRUTH, "eyes": EYES}) if dot["condition"] != "clear"]
     rows = correlate(dots)
@@ -99,8 +126,10 @@ def test_values_that_differ_by_rounding_alone_are_equal():
     (row,) = correlate(dots)
     assert row["score"] == "success_rate" and row["spearman"] == pytest.approx(1)
     dots[0]["success_rate_less_truth"] = -0.2  # against six equal ones
+    assert [row["score"] for row in correlate(dots)] == ["success_rate"]
+    dots[1]["success_rate_less_truth"] = dots[2]["success_rate_less_truth"] = -0.1
     spearman = {row["score"]: row["spearman"] for row in correlate(dots)}["success_rate_less_truth"]
-    assert spearman == pytest.approx(spearmanr(range(7), [0, 1, 1, 1, 1, 1, 1])[0])
+    assert spearman == pytest.approx(spearmanr(range(7), [0, 1, 1, 2, 2, 2, 2])[0])
 
 
 def test_pearsons_correlation_is_with_the_metric_itself_where_a_dot_has_no_error():
@@ -133,3 +162,16 @@ def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path, drawn_figu
     missed = panels[1, METRICS["rocks_missed"].words]
     assert [line.get_label() for line in missed.lines] == ["eyes"]
     assert {label for _, label in panels if label} == {METRICS[name].words for name in ("abs_rel", "rocks_missed")}
+
+
+def test_labels_have_the_colour_of_their_dots_and_cover_nothing(tmp_path, drawn_figures):
+    dots = condition_dots({"truth": TRUTH, "eyes": EYES, "more": method("more", (1, 1, 0, 1), (0.0, 0.2, 0.3, 0.1))})
+    plot_depth_metrics(tmp_path / "plot.png", dots, correlate(dots))
+    axes = next(ax for ax in drawn_figures[0].axes if ax.get_subplotspec().rowspan.start == 1)
+    assert {text.get_text() for text in axes.texts} == set(CONDITIONS)
+    colours = {line.get_label(): line.get_color() for line in axes.lines}
+    assert {text.get_color() for text in axes.texts} == set(colours.values())
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert not any(one.overlaps(other) for n, one in enumerate(boxes) for other in boxes[:n])
+    places = axes.transData.transform([xy for line in axes.lines for xy in zip(*line.get_data())])
+    assert not any(box.contains(*place) for box in boxes for place in places)

@@ -38,13 +38,13 @@ def test_the_differences_are_paired_by_course():
 
 
 def test_over_all_conditions_each_episode_counts_alike_and_courses_are_drawn_as_one():
-    first = together(driven([1.0, 1.0]), driven([1.0], "storm"))
-    other = together(driven([1.0, 0.5]), driven([1.0], "storm"))
+    first = together(driven([1.0] * 4), driven([1.0], "storm"))
+    other = together(driven([1.0, 0.5, 1.0, 1.0]), driven([1.0], "storm"))
     overall = compare_methods({"first": first, "other": other})[-1]
     less = overall["less"]
-    assert overall["episodes"] == 3 and overall["spl"] == pytest.approx(2.5 / 3)
+    assert overall["episodes"] == 5 and overall["spl"] == pytest.approx(4.5 / 5)
     assert less["spl_difference"] == pytest.approx(overall["spl"] - 1)
-    assert less["spl_interval"] == pytest.approx([-0.5, 0])  # only course 1, or only course 0, which has two episodes
+    assert less["spl_interval"] == pytest.approx([-0.375, 0])  # course 1 three times, with another one but course 0
 
 
 def test_only_episodes_that_all_have_driven_count():

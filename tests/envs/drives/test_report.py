@@ -11,8 +11,8 @@ from envs.drives.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
 from envs.drives.metrics import FAILURES, summarise
 from envs.drives.plots import plot_success, pool_by
 from envs.drives.report import (
+    FEW_COURSES,
     NO_INTERVAL,
-    ONE_COURSE,
     bounds,
     differences,
     errors_beside,
@@ -126,8 +126,8 @@ def test_an_interval_without_width_is_not_shown_as_certainty():
         [{**DIFFERENCE, "difference": 0.0, "interval": [0.0, 0.0], "spl_interval": [0.0, 0.0]}]
     ).splitlines()
     assert line.endswith(f", SPL -0.28 (success and SPL: {NO_INTERVAL})")
-    (line,) = differences([{**DIFFERENCE, "courses": 1, "spl_interval": [0.0, 0.0]}]).splitlines()
-    assert line.endswith(f", SPL -0.28 (SPL: {ONE_COURSE})")
+    (line,) = differences([{**DIFFERENCE, "courses": 3, "spl_interval": None}]).splitlines()
+    assert line.endswith(f", SPL -0.28 (SPL: {FEW_COURSES})")
 
 
 def test_names_do_not_break_out_of_a_cell():

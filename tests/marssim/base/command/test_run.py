@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import pytest
 import tyro
 
+from marssim.base.command.exits import HelpPrinted
 from marssim.base.command.flags import parse
 from marssim.base.command.run import describe, exit_code, run_command
 from marssim.base.command.wording import counted
@@ -154,6 +155,24 @@ def test_a_configs_own_words_are_kept_whatever_their_length(capsys):
     with pytest.raises(ValueError) as own:
         Part((3.0, 1.0))
     assert run(capsys, failing(AssertionError()), "--part.angle", "3", "1") == (2, f"error: {own.value}\n")
+
+
+@dataclass(frozen=True)
+class Optional:
+    number: int = 3
+    """A number."""
+    limit: int | None = None
+    """A limit. Left out: none."""
+    names: tuple[str, ...] = ()
+    """Some names."""
+
+
+def test_the_help_names_defaults_but_those_that_mean_left_out(capsys):
+    with pytest.raises(HelpPrinted):
+        parse(Optional, "optional", "Text.", ["--help"])
+    help_text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "A number. (default: 3)" in help_text and help_text.count("(default") == 1
+    assert "A limit. Left out: none." in help_text and "Some names." in help_text
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,10 @@ from marssim.base.command.wording import where_to_run, without_middle
         ("mine.driver", "mine.driver", "; run python -m in the folder of mine, or put this folder on PYTHONPATH"),
         ("my_driver", "cupy", ""),  # my_driver.py imports it
         ("my_driver", "my", ""),
+        ("my_driver.py", "my_driver", "; name it as my_driver"),
+        ("sub/my.py", "sub/my", "; name it as sub.my"),
+        ("sub/my", "sub/my", "; name it as sub.my"),
+        ("/a/my.py", "/a/my", "; name it as my, and run python -m in /a"),
     ],
 )
 def test_a_module_that_is_not_found_gets_a_hint(module, missing, hint):
