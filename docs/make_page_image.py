@@ -1,10 +1,9 @@
 """Makes the pictures of pages in docs/guides/inspect-a-drive.md, in a headless Chromium.
 
-    python -m envs.evaluate --perception ground_truth sgbm --dynamics kinematic --goal-distance 12 --k .15 \
-        --slope-deg 8 --texture-strength .1 --albedo-contrast .1 --pebbles 0 --wind-ripples 0 --episodes 1 --seed 4 \
-        --record all --no-videos --out out/page
+    python -m envs.evaluate --suite marsnav-v1 --split dev --episodes 1 --condition compressed \
+        --perception ground_truth sgbm --record all --no-videos --out out/page
     python docs/make_page_image.py out/page/drives/*sgbm*.html drive_page.jpg
-    python -m envs.report out/page/drives/*ground_truth*.zip out/page/drives/*sgbm*.zip --out pair.html
+    python -m envs.report out/page/drives/*sgbm*.zip out/page/drives/*ground_truth*.zip --out pair.html
     python docs/make_page_image.py pair.html drive_pair.jpg
 """
 
