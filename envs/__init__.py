@@ -3,18 +3,18 @@
     import gymnasium
     env = gymnasium.make("envs:MarsNav-v0")
 
-`import envs` registers the environment and loads no torch, physics or renderer. It has PyTorch's threads wait
-passively (marssim.base.compute.waiting), if torch is imported later. __init__.pyi lists the public names
-with their types. Each is loaded at its first use.
+`import envs` registers the environment and loads no torch, physics or renderer. If torch is imported later, its threads
+do not wait long in loops (marssim.base.compute.waiting). __init__.pyi lists the public names with their types. Each is
+loaded at its first use.
 """
 
 import gymnasium
 import lazy_loader
 
-from marssim.base.compute.waiting import wait_passively
+from marssim.base.compute.waiting import wait_briefly
 from marssim.base.version import VERSION as __version__  # noqa: F401
 
-wait_passively()  # before torch is imported, which reads it then
+wait_briefly()  # before torch is imported, which reads it then
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 

@@ -4,14 +4,14 @@
     prediction = load_estimator("m3depth").infer(left, right, rig)  # depth [m], disparity [px], normals, confidence
 
 The names are listed, with their types, in __init__.pyi. Each is loaded when it is first used, so `import m3depth` loads
-no torch. It has PyTorch's threads wait passively (marssim.base.compute.waiting), if torch is imported later.
+no torch. If torch is imported later, its threads do not wait long in loops (marssim.base.compute.waiting).
 """
 
 import lazy_loader
 
-from marssim.base.compute.waiting import wait_passively
+from marssim.base.compute.waiting import wait_briefly
 from marssim.base.version import VERSION as __version__  # noqa: F401
 
-wait_passively()  # before torch is imported, which reads it then
+wait_briefly()  # before torch is imported, which reads it then
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,22 +6,22 @@ import sys
 
 import pytest
 
-from marssim.base.compute.waiting import SETTINGS, wait_passively
+from marssim.base.compute.waiting import SETTINGS, wait_briefly
 
 
-def test_threads_wait_passively(monkeypatch):
+def test_threads_sleep_after_a_brief_wait(monkeypatch):
     for name in SETTINGS:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "environ", dict(os.environ))
-    wait_passively()
-    assert os.environ["OMP_WAIT_POLICY"] == "passive"
+    wait_briefly()
+    assert os.environ["OMP_WAIT_POLICY"] == "passive" and os.environ["GOMP_SPINCOUNT"] == "1000"
 
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_what_the_user_has_set_stays(name, monkeypatch):
     environment = {name: "1"}
     monkeypatch.setattr(os, "environ", environment)
-    wait_passively()
+    wait_briefly()
     assert environment == {name: "1"}
 
 
