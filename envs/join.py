@@ -110,7 +110,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
     )
     if unlike := differences(_shared(marks[0]), as_json(joined.content())):
         raise DatasetError(f"{first / SETTINGS}: does not belong to its results.json ({unlike[0]})")
-    records = _records(joined, config.shards, _absent([content["config"] for content in contents]))
+    records = _records(joined, config.shards, [content["config"] for content in contents])
     with results.claim():
         _check_earlier(config.out / EPISODES, records)
         (config.out / EPISODES).mkdir(exist_ok=True)
@@ -129,8 +129,12 @@ def _absent(configs: Sequence[Mapping[str, Any]]) -> str:
     """Return words on the shards I/N of each method that are not among those of some settings; "" if there are none."""
     given: dict[tuple[str, str], set[tuple[int, int]]] = {}
     for config in configs:
+        try:
+            shard = shard_of(config.get("shard"))
+        except (ValueError, TypeError, AttributeError):  # a damaged file
+            return ""
         for method in product(config["driver"], config["perception"]):
-            given.setdefault(method, set()).add(shard_of(config.get("shard")))
+            given.setdefault(method, set()).add(shard)
     lacking: dict[str, list[tuple[str, str]]] = {}
     for method, shards in given.items():
         for total in {parts for _, parts in shards}:
@@ -145,8 +149,8 @@ def _absent(configs: Sequence[Mapping[str, Any]]) -> str:
     return f"; not given: {'; '.join(words)}" if words else ""
 
 
-def _records(joined: EvaluateConfig, shards: Sequence[Path], absent: str) -> dict[str, Path]:
-    """Return the record of every episode of the joined evaluation, by the name of its file; absent: of _absent.
+def _records(joined: EvaluateConfig, shards: Sequence[Path], configs: Sequence[Mapping[str, Any]]) -> dict[str, Path]:
+    """Return the record of every episode of the joined evaluation, by the name of its file; configs: of the shards.
 
     Raises:
         DatasetError: A record is damaged or of another episode, two shards have records of an episode that differ in
@@ -165,7 +169,9 @@ def _records(joined: EvaluateConfig, shards: Sequence[Path], absent: str) -> dic
                 records[task.file] = file
     if missing := [task.file for task in joined.tasks if task.file not in records]:
         number = counted(len(missing), "episode")
-        raise DatasetError(f"{number} of {len(joined.tasks)} are in none of the shards, such as {missing[0]}{absent}")
+        raise DatasetError(
+            f"{number} of {len(joined.tasks)} are in none of the shards, such as {missing[0]}{_absent(configs)}"
+        )
     return records
 
 

@@ -107,6 +107,7 @@ def test_a_message_on_absent_shards_names_the_methods_that_lack_them():
     assert _absent([config("1/3", "sgbm", "sad"), config("2/3", "m3depth")]) == (
         "; not given: shard 2/3, 3/3 of navigator, sgbm and navigator, sad; shard 1/3, 3/3 of navigator, m3depth"
     )
+    assert _absent([config("1/3", "sgbm"), config(3, "sgbm")]) == ""
     assert _absent([config("1/140", "sgbm")]) == "; not given: shard 2/140, 3/140, 4/140, 5/140, 6/140 and 134 more"
 
 
