@@ -169,9 +169,9 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     it, the rover also looks after each step without speed and yaw rate. Between two looks `depth` is 0, and `map` shows
     what is known.
 
-    `condition`: the name of a condition, as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values. They
-    replace those of the other arguments, and are the defaults of the options of `reset`. Of a tuple of conditions, as
-    `condition=("clear", "storm")`, each scene draws one, and of a range, as `{"optical_depth": (1, 3)}`, its strength.
+    `condition`: the name of a condition, such as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values.
+    They replace those of the other arguments, and are the defaults of the options of `reset`. Of a tuple of conditions,
+    `condition=("clear", "storm")`, each scene draws one, and of a range, `{"optical_depth": (1, 3)}`, its strength.
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
     of obstacles within 2.5 m (envs.courses.kept_scene). A reset with a seed or with options makes a new scene. A kept

@@ -144,7 +144,7 @@ def find_pairs(data: Path) -> list[PredictedPair]:
     worlds = sorted({str(record.get("world")) for _, record in records})
     if len(worlds) > 1:
         raise DatasetError(
-            f"{data}: holds pairs of {len(worlds)} scenes; give the folder of one, as {data / worlds[0]}"
+            f"{data}: holds pairs of {len(worlds)} scenes; give the folder of one, such as {data / worlds[0]}"
         )
     pairs = []
     for file, record in records:

@@ -310,7 +310,7 @@ def shard_of(shard: str | None) -> tuple[int, int]:
         return 0, 1
     part, slash, parts = shard.partition("/")
     if not slash or not part.isdecimal() or not parts.isdecimal() or not 1 <= int(part) <= int(parts):
-        raise ValueError(f"shard must be I/N, as 2/8 for the second part of eight, got {shard!r}")
+        raise ValueError(f"shard must be I/N, such as 2/8 for the second part of eight, got {shard!r}")
     return int(part) - 1, int(parts)
 
 
