@@ -84,7 +84,7 @@ def test_an_object_comes_back_as_it_is():
         (NoEstimator(), "has no method infer"),
         (SGBM, "has no method infer"),
         (TwoImages(), r"infer\(left, right\) must take left, right and rig \(too many positional arguments\)"),
-        ("my_stereo.py:Net", "No module named 'my_stereo'; name it as my_stereo"),
+        ("no_such.py:Net", "No module named 'no_such'; name it as no_such"),
     ],
 )
 def test_a_wrong_estimator_is_named(spec, message):

@@ -12,6 +12,7 @@ from marssim.base.command.wording import where_to_run, without_middle
         ("my_driver", "cupy", ""),  # my_driver.py imports it
         ("my_driver", "my", ""),
         ("my_driver.py", "my_driver", "; name it as my_driver"),
+        ("my_driver.py", "my_driver.py", "; name it as my_driver"),
         ("sub/my.py", "sub/my", "; name it as sub.my"),
         ("sub/my", "sub/my", "; name it as sub.my"),
         ("/a/my.py", "/a/my", "; name it as my, and run python -m in /a"),
