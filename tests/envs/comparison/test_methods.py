@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
@@ -75,3 +76,8 @@ def test_a_track_holds_what_it_fixes():
     assert in_track("eyes", ("navigator", "sgbm")) and not in_track("eyes", ("straight", "sgbm"))
     assert in_track("drivers", ("straight", "ground_truth")) and not in_track("drivers", ("navigator", "sgbm"))
     assert in_track("both", ("straight", "sgbm"))
+
+
+def test_files_in_one_folder_are_told_apart_by_their_names():
+    one, other = (replace(part("all", range(4), parts=None), path=Path(f"all/{name}.json")) for name in "ab")
+    assert list(methods_of((one, other))) == ["navigator, m3depth (a)", "navigator, m3depth (b)"]

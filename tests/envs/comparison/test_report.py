@@ -99,6 +99,8 @@ def test_what_drove_a_method_is_reported():
     assert comparison_notes({"eyes": method})[-1] == (
         "eyes: driven by code aa, in openvino 2026.4.1, m3depth with SHA-256 e2184584e218."
     )
+    classical = DrivenMethod("navigator", "my:Net", TRUTH.episodes, {"my:Net": "e2184584" * 8}, "openvino 2026.4.1")
+    assert comparison_notes({"eyes": classical})[-1] == "eyes: driven by code aa, my:Net with SHA-256 e2184584e218."
     mixed = {key: {**episode, "code": "bb" if key[1] else ""} for key, episode in TRUTH.episodes.items()}
     assert comparison_notes({"eyes": DrivenMethod("navigator", "eyes", mixed)})[-1] == (
         "eyes: driven by different states of the code (3 episodes by bb, 1 episode by an unknown state)."
