@@ -154,7 +154,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     them (m3depth.stereo.rows). It is so by default, and takes some 0.03 s a look.
 
     `runtime`: the program that runs M3Depth: "pytorch", "openvino" (on the CPU, with the extra `fast`), or "auto",
-    which is OpenVINO if it is installed and there is no GPU. Their disparities differ by 0.004 px in the mean.
+    which is OpenVINO if it is installed and there is no GPU. Their disparities differ by some thousandths of a pixel.
 
     `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
     they grow with the root of the way. `goal` and `map` follow the rover's belief; reward and episode end are true.

@@ -5,7 +5,7 @@
     python -m m3depth.train --data KITTI --out RUN --max-steps 20000 --crop 320 960
     python -m m3depth.train --data SimMars6K --format folder --left '*Left.png' --right '*Right.png' \\
         --depth '*Depth.exr' --normal '*Normal.png' --calib natecam --out RUN --max-minutes 120
-    python -m m3depth.train --data DIR --out RUN --preset paper --recipe paper --epochs 100
+    python -m m3depth.train --data DIR --out RUN --preset paper --recipe paper --epochs 100 --accumulate 2
     torchrun --nproc-per-node 4 -m m3depth.train --data DIR --out RUN --max-steps 100000
 
 RUN/weights.safetensors holds the averaged weights, RUN/checkpoint.pt the state of the run, RUN/curves.png its loss and

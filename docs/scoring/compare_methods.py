@@ -207,7 +207,7 @@ def cost(network: Mapping[str, Any]) -> dict[str, Any]:
 
     It runs with random weights in a process of its own, with as many threads as PyTorch takes. "gets_truth" and
     "on_m3depth": whether it is given the true depth, or that of an M3Depth, which runs too and whose parameters are not
-    counted: here that of the package, whichever it was in the training.
+    counted: that of its training if its weights lie where they lay then, else that of the package.
 
     Args:
         network: Its sizes, as a record has them.
@@ -218,7 +218,7 @@ def cost(network: Mapping[str, Any]) -> dict[str, Any]:
 
 def _cost(sizes: Mapping[str, Any]) -> dict[str, Any]:
     config = config_from_dict(dict(sizes))
-    if isinstance(config, NormalConfig):
+    if isinstance(config, NormalConfig) and not Path(config.depth_weights).is_file():
         config = replace(config, depth_weights="", depth_sha256="")
     network = new_network(config).eval()
     infer = network.infer

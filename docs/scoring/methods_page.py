@@ -133,7 +133,7 @@ def _set_section(name: str, part: Mapping[str, Any], runs: Mapping[str, Any], re
         if label != reference
     ]
     lines += ["", *table(["method", *RATIOS.values()], cells)]
-    lines += ["", "Mean absolute error [m] by true depth, over all pixels:", ""]
+    lines += ["", "Mean absolute error [m] by true depth, over all pixels; - where no pixel has such a depth:", ""]
     depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
     cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
     return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]

@@ -145,17 +145,28 @@ def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
     """Return the relative change of a mean from one run to another, over the seeds that both have.
 
     Returns:
-        "here": the change, "interval": its bounds over the scenes, "by_seed"; None where it is not known.
+        "here": the change, "interval": its bounds over the scenes, "by_seed"; "typical" and "typical_interval": the
+        same of the geometric mean of the pairs' ratios, which single pairs with large errors do not decide. None where
+        it is not known.
     """
     before, after = column.by_run[before_run], column.by_run[after_run]
     common = sorted(before.keys() & after.keys())
+    change: dict[str, Any] = dict.fromkeys(["here", "interval", "typical", "typical_interval"]) | {"by_seed": []}
     if not common or not len(before[common[0]]) or not np.mean([before[seed] for seed in common]) > 0:
-        return {"here": None, "interval": None, "by_seed": []}
+        return change
     first, second = (np.stack([run[seed] for seed in common], 1) for run in (before, after))  # (pairs, seeds)
-    change: dict[str, Any] = {"here": float(second.mean() / first.mean() - 1), "interval": None}
+    several = len(set(column.scenes)) > 1
+    if min(first.min(), second.min()) > 0:
+        ratios = np.log(second / first).mean(1, keepdims=True)
+        change["typical"] = float(np.expm1(ratios.mean()))
+        if several:
+            change["typical_interval"] = [
+                *np.expm1(bootstrap.interval(bootstrap.resampled_means(ratios, column.scenes)[:, 0])).tolist()
+            ]
+    change["here"] = float(second.mean() / first.mean() - 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         change["by_seed"] = (second.mean(0) / first.mean(0) - 1).tolist()
-        if len(set(column.scenes)) > 1:
+        if several:
             means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
             bounds = [*bootstrap.interval(means[:, 1] / means[:, 0] - 1)]
             change["interval"] = bounds if np.isfinite(bounds).all() else None  # a mean of 0 in some samples
@@ -167,7 +178,7 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
     before, after = study.rows[comparison.before], study.rows[comparison.after]
     paper = _ratio(after.paper.get(name), before.paper.get(name))
     change = _change(column, before.variant.name, after.variant.name)
-    verdict = _verdict(paper, **change)
+    verdict = _verdict(paper, change["here"], change["interval"], change["by_seed"])
     claim = f"{MEASURED[name]} {_change_text(paper)}" if paper is not None else comparison.statement or "no figure"
     lead = f"Paper: {claim}; here" if study.source else "Here"
     if change["here"] is None:
@@ -178,6 +189,9 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
         if len(change["by_seed"]) > 1:
             same = sum((seed_change > 0) == (change["here"] > 0) for seed_change in change["by_seed"])
             here += f"; the same sign with {same} of {len(change['by_seed'])} seeds"
+        if change["typical_interval"] is not None:
+            here += f"; geometric mean {100 * change['typical']:+.1f} %, "
+            here += _bounds_text(change["typical_interval"])
         here += ")"
     ending = f": **{verdict}**" if verdict else ""
     return {
@@ -205,7 +219,11 @@ def _verdict(
 def _interval_text(interval: Sequence[float] | None) -> str:
     if interval is None:
         return "no interval"
-    return f"95 % interval {100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
+    return f"95 % interval {_bounds_text(interval)}"
+
+
+def _bounds_text(interval: Sequence[float]) -> str:
+    return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
 
 
 def _change_text(change: float) -> str:

@@ -44,8 +44,9 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
         "",
         "Changes are relative. Their 95 % intervals are those of the paired bootstrap over the scenes of the test set, "
         "whose pairs are drawn together. Agrees, disagrees: the interval excludes zero, on the paper's side or on the "
-        "other. Undecided: it includes zero, or seeds differ in sign. Rows turned: pairs of rows in the opposite order "
-        "of the paper's."
+        "other. Undecided: it includes zero, or seeds differ in sign. Geometric mean: the change of the geometric mean "
+        "of the images' figures, which a few images with large errors do not decide; verdicts do not use it. Rows "
+        "turned: pairs of rows in the opposite order of the paper's."
         + (" Provisional: of one seed." if provisional else "")
         + (" Intervals of one seed do not include chance in training." if provisional or one_seed else ""),
     ]

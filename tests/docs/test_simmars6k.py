@@ -23,6 +23,7 @@ SIZE = 64  # [px]
 SHORT = {  # flags of the guide, and what the test gives instead
     "--max-minutes": ["--max-steps", "1", "--batch", "1", "--crop", "32", "64", "--validate-samples", "1"],
     "--epochs": ["--max-steps", "1", "--batch", "1", "--crop", "32", "64", "--validate-samples", "1"],
+    "--accumulate": [],
     "--minutes": ["--steps", "1", "--batch", "1", "--crop", "32", "64"],
     "--baselines": ["--baselines", "sgbm-hh"],
 }

@@ -86,6 +86,18 @@ def test_one_scene_gives_no_interval_and_no_verdict(tmp_path, drawn_figures) -> 
     assert ours == pytest.approx({"2": 100 / 9, "3": 0, "4": 100 / 9, "5": 100 / 9})  # the row of 3 is the reference
 
 
+def test_one_image_with_a_large_error_does_not_decide_the_geometric_mean() -> None:
+    scores = levels([1.0, 0.9, 0.9, 0.9])
+    for by_seed in scores["levels-3"].values():
+        by_seed["per_pair"][0]["M3Depth"]["abs_rel"] *= 10
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    pairs = len(scores["levels-3"][0]["per_pair"])
+    assert part["here"] > 0 and part["typical"] == pytest.approx(0.9 * 10 ** (1 / pairs) - 1)
+    low, high = part["typical_interval"]
+    assert low == pytest.approx(-0.1) and low < part["typical"] < high
+    assert "; geometric mean -" in part["sentence"]
+
+
 def test_errors_of_zero_in_most_scenes_give_no_interval_and_no_verdict() -> None:
     """Samples of scenes without errors have no relative change."""
     pairs = {name: np.array([0.0, 0, 0, 1]) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
@@ -93,6 +105,7 @@ def test_errors_of_zero_in_most_scenes_give_no_interval_and_no_verdict() -> None
     scores["levels-3"] = {0: score({name: 2 * x for name, x in pairs.items()}, views=1)}
     part = findings(STUDIES["levels"], scores)["comparisons"][0]
     assert part["here"] == 1 and (part["interval"], part["verdict"]) == (None, None)
+    assert (part["typical"], part["typical_interval"]) == (None, None)
 
 
 def test_runs_on_other_pairs_are_not_compared() -> None:
