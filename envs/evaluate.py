@@ -30,7 +30,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, check_worker, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -41,6 +41,7 @@ from envs.recording.results_page import write_results_page
 from envs.world.perception import load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
+from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.bags.library import check_installed
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
@@ -270,7 +271,7 @@ def _lacks_drive(config: EvaluateConfig, task: Task) -> bool:
 def _run(config: EvaluateConfig, tasks: list[Task]) -> None:
     with progress(len(tasks), "episode", "drive") as bar:
 
-        def finished(task: tuple[EvaluateConfig, Task], driven: tuple[EpisodeRecord, bytes | None]) -> None:
+        def finished(task: tuple[EvaluateConfig, Task, str | None], driven: tuple[EpisodeRecord, bytes | None]) -> None:
             record, data = driven
             path, recorded = config.out / "episodes" / task[1].file, drive_path(config.out, task[1].file)
             if not path.is_file():
@@ -283,7 +284,9 @@ def _run(config: EvaluateConfig, tasks: list[Task]) -> None:
             write_json(path, asdict(record))
             bar.update()
 
-        run_tasks(drive_recorded, [(config, task) for task in tasks], finished, config.workers, config.scheduler)
+        runtimes = {name: recorded_runtime([name], config.runtime) for name in config.perception}
+        arguments = [(config, task, runtimes[task.perception]) for task in tasks]
+        run_tasks(drive_recorded, arguments, finished, config.workers, config.scheduler)
 
 
 def _read_record(folder: Path, task: Task) -> EpisodeRecord:
@@ -295,8 +298,15 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
     return record
 
 
-def drive_recorded(config: EvaluateConfig, task: Task) -> tuple[EpisodeRecord, bytes | None]:
-    """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive."""
+def drive_recorded(config: EvaluateConfig, task: Task, runtime: str | None) -> tuple[EpisodeRecord, bytes | None]:
+    """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive.
+
+    Args:
+        config: The settings.
+        task: The episode.
+        runtime: What must run its perception, see resume.check_worker.
+    """
+    check_worker(task.perception, config.runtime, runtime)
     if config.record == "none":
         return drive(config, task), None
     recorder = Recorder(_step_lines(config, task))

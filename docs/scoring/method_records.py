@@ -44,7 +44,8 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
         By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
         "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
         none), "intervals" (errors by true depth), "gets_truth", "normals_are_fitted" (whether the normals are those of
-        planes that are fitted to the depth), "weights_sha256" (None without weights) and "commit" (of the code).
+        planes that are fitted to the depth), "weights_sha256" (None without weights), "runtime" (None for
+        methods that are no network of m3depth.train) and "commit" (of the code).
 
     Raises:
         DatasetError: There are none, the places do not have the same methods, or two have other weights of a method.
@@ -82,7 +83,7 @@ def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
         "data": part["data_sha256"],
         "weights_sha256": part["estimators"][label]["sha256"],
         "commit": part["versions"]["commit"],
-        "runtime": part.get("runtime"),
+        "runtime": part.get("runtime") if part["estimators"][label]["name"].startswith("m3depth") else None,
         "pairs": [pair["pair"] for pair in pairs],
         "scenes": [pair["scene"] for pair in pairs],
         "figures": {name: [_rounded(record.get(name)) for record in records] for name in COLUMNS},

@@ -114,33 +114,64 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
     Returns:
         Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), logarithmic
-        (whether Pearson's is with the logarithm), and spearman and pearson, each with its 95 % interval, None with
+        (whether Pearson's is with the logarithm), and spearman, pearson, within (Spearman's within methods, see
+        ranks_within) and weaker (how much smaller spearman is without its sign than that of the strongest metric for
+        this score, over the dots that have both; None for the strongest itself), each with its 95 % interval, None with
         fewer than four conditions, and where more than one of 20 samples of the bootstrap has no correlation. There
         is no row of fewer than three dots, or where fewer than three (of three dots: two) differ from the value that
         most have, in the metric or in the score.
     """
     rows = []
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
+        of_score = []
         for name, metric in METRICS.items():
-            both = [dot for dot in dots if dot[name] is not None and dot[score] is not None]
-            x, y = (np.array([dot[key] for dot in both], float).round(DIGITS) for key in (name, score))
-            conditions = [dot["condition"] for dot in both]
+            both, (x, y) = _both(dots, name, score)
             if len(both) < FEWEST or min(map(_differing, (x, y))) < min(FEWEST, len(both) - 1):
                 continue
             logarithmic = metric.logarithmic and x.min() > 0
+            conditions, methods = ([dot[key] for dot in both] for key in ("condition", "method"))
             weights = _resampled(conditions)
             of_each = {
                 "spearman": correlation(ranks(x, weights), ranks(y, weights), weights),
+                "within": correlation(ranks_within(x, methods, weights), ranks_within(y, methods, weights), weights),
                 "pearson": correlation(np.log(x) if logarithmic else x, y, weights),
             }
             row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": bool(logarithmic)}
             for kind, values in of_each.items():
-                row[kind] = float(values[0])
-                known = np.isfinite(values)
-                enough = len(set(conditions)) >= FEWEST_CONDITIONS and known.mean() >= 1 - MOST_WITHOUT
-                row[f"{kind}_interval"] = list(interval(values[known])) if enough else None
-            rows.append(row)
+                row |= _with_interval(kind, values, conditions)
+            of_score.append(row | {"weaker": None, "weaker_interval": None})
+        strongest = max(of_score, key=lambda row: abs(row["spearman"]), default=None)
+        for row in of_score:
+            if strongest is not None and row is not strongest:
+                row |= _weaker(dots, score, row["metric"], strongest["metric"])
+        rows += of_score
     return rows
+
+
+def _both(dots: Sequence[Mapping[str, Any]], *names: str) -> tuple[list[Mapping[str, Any]], list[np.ndarray]]:
+    """Return the dots that have all of these entries, and each entry of them."""
+    both = [dot for dot in dots if all(dot[name] is not None for name in names)]
+    return both, [np.array([dot[name] for dot in both], float).round(DIGITS) for name in names]
+
+
+def _with_interval(name: str, values: np.ndarray, conditions: Sequence[str]) -> dict[str, Any]:
+    """Return a statistic, the first of its values in the samples of _resampled, and its interval; None if unknown."""
+    known = np.isfinite(values)
+    enough = len(set(conditions)) >= FEWEST_CONDITIONS and known.mean() >= 1 - MOST_WITHOUT
+    return {
+        name: float(values[0]) if known[0] else None,
+        f"{name}_interval": list(interval(values[known])) if enough and known[0] else None,
+    }
+
+
+def _weaker(dots: Sequence[Mapping[str, Any]], score: str, metric: str, strongest: str) -> dict[str, Any]:
+    """Return "weaker" of correlate and its interval."""
+    both, (x, best, y) = _both(dots, metric, strongest, score)
+    conditions = [dot["condition"] for dot in both]
+    weights = _resampled(conditions)
+    of_score = ranks(y, weights)
+    size, best_size = (np.abs(correlation(ranks(v, weights), of_score, weights)) for v in (x, best))
+    return _with_interval("weaker", best_size - size, conditions)
 
 
 def _differing(values: np.ndarray) -> int:
@@ -161,10 +192,11 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
             "that differ from the others in an error of the depth and in a score.\n"
         )
     lines = [
-        "| score | metric of the depth | dots | Spearman (95 %) | Pearson (95 %) |", "|---|---|---|---|---|",
+        "| score | metric of the depth | dots | Spearman (95 %) | weaker than the strongest by (95 %) "
+        "| Spearman within methods (95 %) | Pearson (95 %) |", "|---|---|---|---|---|---|---|",
         *(
             f"| {_score_in_words(row['score'])} | {METRICS[row['metric']].words} | {row['dots']} "
-            + "".join(f"| {correlation_in_words(row, kind)} " for kind in ("spearman", "pearson"))
+            + "".join(f"| {correlation_in_words(row, kind)} " for kind in ("spearman", "weaker", "within", "pearson"))
             + ("by the logarithm |" if row["logarithmic"] else "|")
             for row in rows
         ),
@@ -173,15 +205,18 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
         "A dot is a method under a condition. Intervals are by the bootstrap over the conditions, where there are "
         f"{FEWEST_CONDITIONS} or more and nearly all samples have a correlation. By the logarithm: the correlation "
         "with the logarithm of the metric. Less true depth: less the score of the same driver with true depth on the "
-        "same courses, which leaves out how hard a condition is for any eyes."
+        "same courses, which leaves out how hard a condition is for any eyes. Weaker: how much smaller the correlation "
+        "is, without its sign, than that of the strongest metric. Within methods: of the ranks among the dots of each "
+        "method, which leaves out that one method is worse than another throughout, in the depth and in the drives. "
+        "The intervals hold for these methods: others were not drawn."
     )
     return "\n".join([*lines, "", note]) + "\n"
 
 
 def correlation_in_words(row: Mapping[str, Any], kind: str) -> str:
-    """Return a correlation of a row of correlate, "spearman" or "pearson", with its interval if it has one."""
+    """Return an entry of a row of correlate, such as "spearman", with its interval if it has one; "-" if it is None."""
     ends = row[f"{kind}_interval"]
-    return f"{row[kind]:+.2f}{bounds(ends, 1, '+.2f') if ends else ''}"
+    return "-" if row[kind] is None else f"{row[kind]:+.2f}{bounds(ends, 1, '+.2f') if ends else ''}"
 
 
 def _score_in_words(score: str) -> str:
@@ -211,6 +246,26 @@ def ranks(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """
     below = (values[None] < values[:, None]) + 0.5 * (values[None] == values[:, None])
     return weights @ below.T
+
+
+def ranks_within(values: np.ndarray, groups: Sequence[str], weights: np.ndarray) -> np.ndarray:
+    """Return the ranks of values among those of their group, less their mean there; else as `ranks`.
+
+    A difference between groups, such as one method that has the worse depth and the worse drives throughout, does not
+    contribute to the correlation of such ranks.
+
+    Args:
+        values: (n,).
+        groups: (n,).
+        weights: (samples, n).
+    """
+    centred = np.zeros(weights.shape)
+    for group in set(groups):
+        members = [i for i, other in enumerate(groups) if other == group]
+        of_group = weights[:, members]
+        ranked, total = ranks(values[members], of_group), of_group.sum(axis=1, keepdims=True)
+        centred[:, members] = ranked - (of_group * ranked).sum(axis=1, keepdims=True) / np.maximum(total, 1)
+    return centred
 
 
 def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:

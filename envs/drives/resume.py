@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import platform
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -84,6 +85,21 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
         records[key] = runtime if previous is None else previous
     folder.note(**{key: record for key, record in records.items() if record is not None})
     return joined_runtimes(records.values())
+
+
+def check_worker(perception: str, wanted: str, expected: str | None) -> None:
+    """Raise DatasetError if a worker would run a network in another runtime than the evaluation records.
+
+    Args:
+        perception: The perception, as envs.evaluate takes it.
+        wanted: The runtime that the user asks for, as chosen_runtime takes it.
+        expected: recorded_runtime of both where the evaluation was started.
+    """
+    if (here := recorded_runtime([perception], wanted)) != expected:
+        raise DatasetError(
+            f"the worker on {platform.node()} would run {perception} in {here}, and this evaluation runs it in "
+            f"{expected}; make the workers alike, or choose a --runtime that all of them have"
+        )
 
 
 def _digest(name: str) -> str | None:

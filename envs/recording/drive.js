@@ -4,7 +4,7 @@
 const DATA = JSON.parse(document.getElementById("data").textContent);
 for (const layer of ["depth", "confidence", "error", "map"]) TABLES[layer] = DATA.colours[layer].map(rgb);
 const STATUS = {
-  drive: ["#6a9a62", "drives"], turn: ["#5a86b8", "turns in place"], look: ["#b9a05a", "looks"], recover: ["#c9743c", "backs out"],
+  drive: ["#6a9a62", "drives"], turn: ["#5a86b8", "turns in place"], look: ["#b9a05a", "looks"], recover: ["#c9743c", "recovers"],
   blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: ["#9b3fa0", "gives up: stuck"],
   no_path: ["#7a4a9a", "gives up: no path"],
 };

@@ -21,6 +21,7 @@ from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
+from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import scored_depths
 from m3depth.training.config import TrainConfig, check_config
 from m3depth.training.ending import spent_budget
@@ -219,12 +220,16 @@ def _score(run: PlannedRun, options: AblateOptions, test: Any) -> bool:
     device = chosen_device(options.device)
     _note_code(run.folder)
     code = read_json(run.folder / CODE)["code"]
-    saved_state = SavedState(run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code})
+    runtime = recorded_runtime(["m3depth"], "pytorch", options.device)
+    saved_state = SavedState(
+        run.folder, {"--test": state_of_pairs(test), "--limit": options.limit, "code": code, "runtime": runtime}
+    )
     methods = {METHOD: model.to(device)}
     evaluation = evaluate(test, methods, limit=options.limit, progress=_watched, saved_state=saved_state)
     about = {
         "code": ", ".join(code),
         "device": device.type,
+        "runtime": runtime,
         "parameters": sum(p.numel() for p in model.parameters()),
         "steps": steps,
         "minutes": seconds / 60,

@@ -1,4 +1,8 @@
-"""M3Depth run by OpenVINO on the CPU."""
+"""M3Depth run by OpenVINO on the CPU.
+
+A graph holds the scores of all pairs of pixels of a row at once, whose number grows with the cube of the image's side.
+PyTorch runs the network's lookups row band by row band. So it also runs the passes over large images here.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ import openvino
 import torch
 from torch import Tensor
 
-from m3depth.network.device import fast_dtype
+from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.inference import infer_pair
 from m3depth.network.model import M3Depth
 from m3depth.network.output import Start, StereoOutput
@@ -22,11 +26,14 @@ from m3depth.runtimes.graphs import converted
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
+LARGEST = 2_000_000  # [px] of a pass that a graph runs; 2048 x 2048 scores take 0.4 GB in bf16, 4096 x 3072 2.4 GB
 SIZES = 4  # compiled sizes that are kept: a large pair takes two, each some 100 MB at 512 x 512 px
 
 
 class OpenVinoM3Depth:
     """A network of network.model.M3Depth, run by OpenVINO on the CPU: the same `infer`, the same maps.
+
+    Passes over more than LARGEST pixels run in PyTorch.
 
     Graphs are compiled for each size of images, in a second or two. OpenVINO gets as many threads as PyTorch has
     (OMP_NUM_THREADS), which do not stay on one core, so that processes do not meet on it.
@@ -78,8 +85,11 @@ class OpenVinoM3Depth:
             )
 
     def _run(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None) -> StereoOutput:
-        inputs = [left, right, camera, *(x for x in start or () if x is not None)]
         height, width = left.shape[-2:]
+        if height * width > LARGEST:
+            with autocast(left.device, None if self.dtype == torch.float32 else self.dtype):
+                return self.network(left, right, camera, start)
+        inputs = [left, right, camera, *(x for x in start or () if x is not None)]
         request = self._request(start is not None, height, width)
         arrays = request.infer(  # the maps are read before the request is used again
             [x.float().contiguous().numpy() for x in inputs], share_inputs=True, share_outputs=True

@@ -13,7 +13,9 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 
 CONFIDENT = 0.5  # confidence from which a pixel tells where the ground is
-FEWEST = 200  # pixels that determine a ground plane
+FEWEST = (
+    0.05  # share of the pixels that must be confident ground: of 284 images, half with faults, all have .47 or more
+)
 MOST = 4000  # pixels to which the plane is fitted
 ROUNDS = 8  # of the robust fit
 UPRIGHT = 0.3  # least cosine between the plane's normal and the image's vertical: a wall has no horizon
@@ -29,9 +31,10 @@ def possible_sky(
     """Return the part of what a network takes for sky that can be sky, with what floats in it.
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
-    disparities best, or at most BELOW_HORIZON below it. Where too few pixels are confident, and where the plane is seen
-    as a wall, the horizon is not known, and only the border decides. A part floats if sky separates it from the lower
-    border and none of its pixels is confident. The image must be upright, as a rover's is.
+    disparities best, or at most BELOW_HORIZON below it. Where that plane is seen as a wall, the horizon is not known,
+    and only the border decides. Where too few pixels are confident, as before blank ground, nothing is sky. A part
+    floats if sky separates it from the lower border and none of its pixels is confident. The image must be upright, as
+    a rover's is.
 
     Args:
         candidates: (H, W) bool, what the network takes for sky.
@@ -45,11 +48,10 @@ def possible_sky(
     if not candidates.any():
         return candidates
     ground = np.flatnonzero(~candidates & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
-    above = candidates
-    if len(ground) >= FEWEST:
-        plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
-        if plane is not None:
-            above = candidates & ~_below_horizon(plane, camera)
+    if len(ground) < FEWEST * candidates.size:
+        return np.zeros_like(candidates)
+    plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
+    above = candidates if plane is None else candidates & ~_below_horizon(plane, camera)
     border = np.zeros_like(above)
     border[0] = True
     sky = _parts_with(border, above, 4)

@@ -48,7 +48,7 @@ def result(
         "degrade": None,
         "data_sha256": f"pairs of {pixels} px",
         "versions": {"commit": "5c02ed5c02ed"},
-        "estimators": {label: {"sha256": (weights or {}).get(label)} for label in methods},
+        "estimators": {label: {"name": "sgbm", "sha256": (weights or {}).get(label)} for label in methods},
         "per_pair": [
             {"pair": f"{scene}/00", "scene": scene,
              **{label: {**dict.fromkeys(DEPTH_COLUMNS, value), "kinds": {"visible": {"epe": value / 2}},

@@ -48,7 +48,10 @@ DRAWN = {
     "goal_distance": (3.0, 4.0), "k": (0.0, 0.01), "slope_deg": (0, 5), "sun_elevation_deg": (20, 60),
     "slip": (None, "sand"), "condition": ("clear", {"look_every": 1.0}), "episodes_per_scene": 2,
 }  # fmt: skip
-FAULTS = {"lens_dust": 0.3, "temperature": 50.0, "jpeg_quality": 40.0, "image_pixels": 64}
+FAULTS = {
+    "lens_dust": 0.3, "lens_glare": 0.3, "into_sun": True, "temperature": 50.0, "jpeg_quality": 40.0,
+    "image_pixels": 64,
+}  # fmt: skip
 FAULTY = {"perception": "sgbm", "condition": {**FAULTS, "ditch": True, "goal_distance": 12.0}}
 NOISY = {"map_observation": True, "disparity_noise": 0.3, "drift": 0.02, "yaw_drift_deg": 1.0}
 

@@ -11,7 +11,9 @@ Where the numbers are from:
   deg and cohesions of up to a few kPa (Sullivan et al. 2011, from memory).
 - Chosen here: SAND has the friction angle and the shear modulus of the regolith, as grousers, which the model leaves
   out, help wheels in loose sand, and a slip sinkage below that of either; so it ends at 21 deg, as rovers do in loose
-  sand. CRUST has a cohesion of 3 kPa and four times the regolith's stiffness, for cemented soil and gravel.
+  sand, roughly. CRUST has a cohesion of 3 kPa and four times the regolith's stiffness, for cemented soil and gravel,
+  and less of what lets wheels slip: no slip sinkage (the regolith's exponent grows by 0.354), K of 10 instead of 14.6
+  mm, and c2 of 0.2 instead of 0.503.
 - BEDROCK does not yield. Its friction coefficient is that of this rover's wheels in PyBullet, and its creep is chosen.
 """
 

@@ -109,7 +109,8 @@ def test_three_conditions_are_too_few_for_an_interval():
     dots = [dot for dot in condition_dots({"truth": TRUTH, "eyes": EYES}) if dot["condition"] != "clear"]
     rows = correlate(dots)
     assert rows and all(row["spearman_interval"] is row["pearson_interval"] is None for row in rows)
-    assert "| SPL | Abs Rel on the way | 3 | +0.50 | +0.62 by the logarithm |" in correlation_table(rows)
+    line = "| SPL | Abs Rel on the way | 3 | +0.50 | +0.50 | +0.50 | +0.62 by the logarithm |"
+    assert line in correlation_table(rows)
 
 
 def test_values_that_differ_by_rounding_alone_are_equal():
@@ -149,6 +150,29 @@ def test_samples_that_hold_dots_several_times_have_the_correlation_of_the_long_l
         assert rank[n] == pytest.approx(spearmanr(a, b)[0]) and plain[n] == pytest.approx(pearsonr(a, b)[0])
     assert np.isnan(correlation(np.ones(12), y, weights)).all()
     assert correlation(1e-8 * x, y, weights) == pytest.approx(plain)
+
+
+def test_within_methods_a_method_that_is_worse_throughout_does_not_count():
+    """Two methods: the worse one has the larger errors, and within each, larger errors go with better drives."""
+    dots = [
+        {
+            "condition": str(n), "method": name, "success_rate": 1.0, "spl": spl + 0.02 * n,
+            "success_rate_less_truth": None, "spl_less_truth": None, "abs_rel": error + 0.001 * n,
+            "rocks_missed": error + 0.03 * (n == 2), "false_obstacles": None, "near_ground_as_sky": None,
+        }
+        for n in range(6) for name, spl, error in (("good", 0.8, 0.01), ("bad", 0.2, 0.05))
+    ]  # fmt: skip
+    rows = {row["metric"]: row for row in correlate(dots)}
+    of_error, of_rocks = rows["abs_rel"], rows["rocks_missed"]
+    assert of_error["spearman"] < -0.4 and of_error["within"] == pytest.approx(1)
+    assert of_error["within_interval"] == pytest.approx([1, 1])
+    strongest, other = sorted((of_error, of_rocks), key=lambda row: -abs(row["spearman"]))
+    assert (strongest["weaker"], strongest["weaker_interval"]) == (None, None)
+    assert other["weaker"] == pytest.approx(abs(strongest["spearman"]) - abs(other["spearman"]))
+    low, high = other["weaker_interval"]
+    assert low < other["weaker"] < high
+    alone = correlate([dot for dot in dots if dot["method"] == "good"])
+    assert all(row["within"] == pytest.approx(row["spearman"]) for row in alone)
 
 
 def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path, drawn_figures):

@@ -120,6 +120,16 @@ def test_drives_of_m3depth_in_one_runtime_are_not_mixed_with_those_in_another(fi
         assert read_json(folder.mark_path)["runtime"] == pytorch
 
 
+def test_a_worker_with_another_runtime_drives_nothing(tmp_path, monkeypatch):
+    """As on a cluster of which one machine lacks OpenVINO."""
+    monkeypatch.setattr("envs.evaluate.recorded_runtime", lambda *_: "openvino 1.0 cpu bf16")
+    config = EvaluateConfig(out=tmp_path / "out", driver=("straight",), perception=("sgbm",), episodes=1)
+    message = r"the worker on .* would run sgbm in None, and this evaluation runs it in openvino 1\.0 cpu bf16; make"
+    with pytest.raises(DatasetError, match=message):
+        evaluate(config)
+    assert not list((tmp_path / "out/episodes").iterdir())
+
+
 def test_a_record_without_device_and_precision_goes_on_as_it_is(tmp_path, monkeypatch):
     folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
     runtimes = iter(["openvino 1.0 cpu bf16", "openvino 1.1 cpu bf16", "openvino 1.0 cpu bf16"])

@@ -74,6 +74,20 @@ def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolution
     assert disparity < 0.01 and max(normal, confidence) < 0.01
 
 
+@pytest.mark.parametrize("precision", [FP32, BF16])
+def test_passes_over_large_images_run_in_pytorch(small_network, monkeypatch, precision):
+    """A graph keeps the scores of all pairs of pixels of a row."""
+    network, images = small_network(), pair(131, 147, baseline=0.9)
+    monkeypatch.setattr("m3depth.network.stereo_network.fast_dtype", lambda device: None if precision == FP32 else BF16)
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.LARGEST", 100 * 100)
+    split = OpenVinoM3Depth(network, precision)
+    split.infer(*images)
+    assert all(height * width <= 100 * 100 for _, height, width in split._requests) and split._requests
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.LARGEST", 1)
+    alone = OpenVinoM3Depth(network, precision)
+    assert differences(network.infer(*images), alone.infer(*images)) == [0, 0, 0] and not alone._requests
+
+
 def test_wrong_input_is_refused_as_by_pytorch(small_network):
     fast = OpenVinoM3Depth(small_network(), FP32)
     left, right, rig = pair(64, 96)

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from m3depth.network.model import M3Depth
 from m3depth.stereo.sky import BELOW_HORIZON, ground_plane, possible_sky
 from marssim.base.camera import NATECAM
 from marssim.base.pose import look_pose
@@ -40,10 +41,29 @@ def test_patches_that_do_not_reach_the_upper_border_are_no_sky() -> None:
     assert possible_sky(taken, disparity, np.ones_like(disparity), CAMERA)[5:20, 20].all()
 
 
-def test_without_confident_ground_the_border_decides() -> None:
+def test_without_confident_ground_nothing_is_sky() -> None:
+    """Blank, bright ground up to the lower border looks like this."""
     disparity, down = level_ground(10.0)
     taken = down < np.deg2rad(15)
-    assert (possible_sky(taken, disparity, np.zeros_like(disparity), CAMERA) == taken).all()
+    assert not possible_sky(taken, disparity, np.zeros_like(disparity), CAMERA).any()
+
+
+@pytest.mark.parametrize("levels", [(230, 150), (150, 230), (100, 60)])
+def test_the_shipped_network_sees_no_sky_in_blank_images(levels: tuple[int, int]) -> None:
+    """A smooth, blank surface fills the view of both cameras, and the network takes half of it or more for sky."""
+    rng = np.random.default_rng(0)
+    grey = np.linspace(*levels, 512)[:, None, None]
+    left, right = (np.rint(grey + rng.normal(0, 1.5, (512, 512, 3))).astype(np.uint8) for _ in range(2))
+    prediction = M3Depth.from_pretrained().infer(left, right, NATECAM)
+    assert not prediction.is_sky.any() and not np.isfinite(prediction.depth).all()
+
+
+def test_above_a_wall_the_border_decides() -> None:
+    row, column = np.indices((128, 128), dtype=np.float32)
+    over = row < 50 + column / 8
+    taken = over.copy()
+    taken[60:70, 20:30] = True  # a patch of the wall
+    assert (possible_sky(taken, 20 + 0.01 * row, np.ones_like(row), CAMERA) == over).all()
 
 
 CLOUD = np.s_[5:12, 40:60]  # a part of the sky that the network takes for something near
@@ -71,11 +91,14 @@ def test_what_touches_the_ground_does_not_float(columns: np.ndarray) -> None:
 
 
 def test_without_a_confident_pixel_what_reaches_the_lower_border_does_not_float() -> None:
-    disparity, down = level_ground(10.0)
-    taken, sure = down < 0, np.full(down.shape, 0.2, np.float32)
+    """Between two walls, of which the network is confident of one, the sky reaches down to the lower border."""
+    row, column = np.indices((128, 128), dtype=np.float32)
+    taken = (row < 50) | (abs(column - 64) < 4)
     taken[CLOUD] = False
-    sky = possible_sky(taken, disparity, sure, CAMERA)
-    assert sky[CLOUD].all() and not sky[down >= 0].any()
+    sure = np.where(column > 64, 0.9, 0.2).astype(np.float32)
+    sure[:50] = 0.2
+    sky = possible_sky(taken, 20 + 0.01 * row, sure, CAMERA)
+    assert sky[CLOUD].all() and (sky == ((row < 50) | (abs(column - 64) < 4))).all()
 
 
 def test_a_view_down_has_no_sky() -> None:

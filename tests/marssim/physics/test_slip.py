@@ -144,3 +144,14 @@ def test_physics_on_soil_is_deterministic_and_can_be_removed(slope):
         rover = Rover(world, 0.0, 0.0, 0.0, "sand")
         rover.remove()
         world.step(0.1)
+
+
+@needs_bullet
+def test_without_the_rover_that_slips_the_ground_has_friction_again(slope):
+    with PhysicsWorld(slope(8), ZHURONG) as world:
+        Rover(world, 0.0, 0.0, 0.0, "sand").remove()
+        rover = Rover(world, 0.0, 0.0, 0.0)
+        world.step(2.0)
+        start = rover.state().position
+        world.step(4.0)
+        np.testing.assert_allclose(rover.state().position, start, atol=1e-2)

@@ -1,0 +1,55 @@
+"""Tables that are written by hand have the figures of the files beside them."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from m3depth.evaluation.bootstrap import interval, resampled_means
+
+ROOT = Path(__file__).parents[2] / "docs/results"
+
+
+def rows(page: str, heading: str) -> list[list[str]]:
+    """The cells of the first table under a heading of a page, without its two head lines."""
+    section = (ROOT / page).read_text().split(heading, 1)[1]
+    table = re.search(r"(?:^\|.*\n)+", section, re.MULTILINE)
+    assert table is not None
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[0].splitlines()[2:]]
+
+
+def test_the_receptive_field_is_that_of_its_file() -> None:
+    networks = json.loads((ROOT / "ablation/receptive_field.json").read_text())["networks"]
+    found = rows("ablation.md", "### The effective receptive field\n")
+    assert [row[0] for row in found] == [*networks["base-0"]]
+    for part, *cells in found:
+        radii = [networks[name][part][f"radius_{share}_px"] for name in ("base-0", "no-wefe-0") for share in (50, 90)]
+        assert cells == [f"{radius:.0f} px" for radius in radii]
+
+
+def test_the_errors_of_the_refinement_steps_are_those_of_their_file() -> None:
+    networks = json.loads((ROOT / "texture-and-steps/steps.json").read_text())["networks"]
+    words = {"the first map, by soft argmin": "first map", "the correction at 1/2": "result"}
+    found = rows("texture-and-steps.md", "## Refinement steps\n")
+    assert {row[0] for row in found} == set(networks)
+    for network, after, *cells in found:
+        of_step = networks[network][words.get(after) or after.split(",")[0]]
+        errors = [of_step[kind] for kind in ("non-occluded", "occluded")]
+        texts = "{:.3f} ({:.3f} to {:.3f})", "{:.2f} ({:.2f} to {:.2f})"
+        assert cells == [text.format(e["epe_px"], *e["interval"]) for text, e in zip(texts, errors, strict=True)]
+
+
+@pytest.mark.parametrize(("courses", "share"), [(4, 0.77), (8, 0.88), (20, 0.93)])
+def test_intervals_over_few_courses_hold_the_true_mean_too_rarely(courses: int, share: float) -> None:
+    """As docs/concepts/scoring-rules.md says of the differences of SPL on dev."""
+    spl: dict[tuple[str, int], dict[str, float]] = {}
+    for drive in json.loads((ROOT / "marsnav-v1/dev-ground_truth-sgbm.json").read_text())["episodes"]:
+        spl.setdefault((drive["condition"], drive["course"]), {})[drive["perception"]] = drive["spl"]
+    differences = np.array([of_course["sgbm"] - of_course["ground_truth"] for of_course in spl.values()])
+    assert len(differences) == 56
+    samples = np.random.default_rng(0).choice(differences, (courses, 400))
+    means = resampled_means(samples, draws=1000)
+    held = [low <= differences.mean() <= high for low, high in map(interval, means.T)]
+    assert abs(np.mean(held) - share) < 0.06  # three standard deviations
