@@ -41,6 +41,23 @@ def test_the_errors_of_the_refinement_steps_are_those_of_their_file() -> None:
         assert cells == [text.format(e["epe_px"], *e["interval"]) for text, e in zip(texts, errors, strict=True)]
 
 
+def test_the_drives_of_the_policy_are_those_of_their_files() -> None:
+    found = rows("policy.md", "the\nsame for all drivers.")
+    results = {}
+    for goal in (10, 20):
+        for row in json.loads((ROOT / f"policy/goals-{goal}.json").read_text())["results"]:
+            driver = "policy" if row["driver"].endswith(".zip") else row["driver"]
+            results[f"{goal} m, {row['cell']['k']:.2f}".replace("0.", "."), driver] = row
+    assert {(row[0], row[1]) for row in found} == set(results) and len(found) == 12
+    for cell, driver, goals, spl, others, _ in found:
+        row = results[cell, driver]
+        outcomes = {name: number for name, number in row["outcomes"].items() if name != "goal"}
+        assert goals == f"{row['outcomes']['goal']} of {row['episodes']}"
+        assert spl == f"{row['spl']:.2f}".lstrip("0")
+        words = [f"{number} {name.replace('_', ' ')}" for name, number in outcomes.items()]
+        assert sorted(others.split(", ")) == sorted(words or ["-"])
+
+
 @pytest.mark.parametrize(("courses", "share"), [(4, 0.77), (8, 0.88), (20, 0.93)])
 def test_intervals_over_few_courses_hold_the_true_mean_too_rarely(courses: int, share: float) -> None:
     """As docs/concepts/scoring-rules.md says of the differences of SPL on dev."""
