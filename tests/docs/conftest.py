@@ -55,3 +55,9 @@ def receptive_field():
 def refinement_steps():
     """docs/refinement_steps.py."""
     return _script("refinement_steps")
+
+
+@pytest.fixture(scope="session")
+def photometric_residual():
+    """docs/photometric_residual.py."""
+    return _script("photometric_residual")

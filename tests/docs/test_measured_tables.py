@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2] / "docs/results"
 
 def rows(page: str, heading: str) -> list[list[str]]:
     """The cells of the first table under a heading of a page, without its two head lines."""
-    section = (ROOT / page).read_text().split(heading, 1)[1]
+    _, section = (ROOT / page).read_text().split(heading, 1)
     table = re.search(r"(?:^\|.*\n)+", section, re.MULTILINE)
     assert table is not None
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[0].splitlines()[2:]]
@@ -56,6 +56,18 @@ def test_the_drives_of_the_policy_are_those_of_their_files() -> None:
         assert spl == f"{row['spl']:.2f}".lstrip("0")
         words = [f"{number} {name.replace('_', ' ')}" for name, number in outcomes.items()]
         assert sorted(others.split(", ")) == sorted(words or ["-"])
+
+
+def test_the_drives_with_slip_are_those_of_their_files() -> None:
+    found = rows("slip.md", "## In drives\n")
+    for (_, *cells), name in zip(found, ("none", "measured", "unmeasured"), strict=True):
+        of_slopes = json.loads((ROOT / f"slip/{name}.json").read_text())["results"]
+        for cell, row, slope in zip(cells, of_slopes, (0, 10), strict=True):
+            assert row["cell"] == {"k": 0.07, "slope_deg": slope}
+            goals, *others = re.findall(r"(\d) (of 6|collision|elsewhere)", cell)
+            outcomes = {"goal": int(goals[0])} | {outcome: int(count) for count, outcome in others}
+            assert {name: number for name, number in outcomes.items() if number} == row["outcomes"]
+            assert f"{row['spl']:.2f}".lstrip("0") in cell
 
 
 @pytest.mark.parametrize(("courses", "share"), [(4, 0.77), (8, 0.88), (20, 0.93)])

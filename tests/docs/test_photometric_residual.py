@@ -1,0 +1,63 @@
+"""The photometric residual of known disparities over that of SGBM, and of the command."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.files.json_file import read_json
+
+RIG = StereoRig(PinholeCamera(192, 128, 150.0, 150.0, 95.5, 63.5), 0.27)
+SHIFT = 6  # [px]
+
+
+def wall(seed: int) -> SimpleNamespace:
+    """A textured wall and its true disparity, in images with noise."""
+    rng = np.random.default_rng(seed)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (128, 192, 3)).astype(np.float32), (0, 0), 1.5)
+    texture = 128 + 4 * (texture - texture.mean())
+    left, right = (
+        np.clip(image + rng.normal(0, 4, texture.shape), 0, 255).astype(np.uint8)
+        for image in (texture, np.roll(texture, -SHIFT, 1))
+    )
+    return SimpleNamespace(left=left, right=right, rig=RIG, disparity=np.full((128, 192), SHIFT, np.float32))
+
+
+class Off:
+    """An estimator that is half a pixel off, and knows nothing of the upper half."""
+
+    def infer(self, left, right, rig):
+        disparity = np.full(left.shape[:2], SHIFT + 0.5, np.float32)
+        disparity[:64] = np.nan
+        return Prediction(rig.fb / disparity, disparity, None, np.ones_like(disparity))
+
+
+class Pairs(list):
+    names = ("00000/00", "00001/00")
+
+
+def test_the_truth_explains_the_images_better_than_half_a_pixel_beside_it(photometric_residual):
+    found = photometric_residual.ratios(wall(0), {"off": Off()})
+    assert 0.9 < found["truth"] < 1.1 < found["off"]
+
+
+def test_the_command_writes_a_row_for_each_dataset(photometric_residual, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: Pairs([wall(0), wall(1)]))
+    out = tmp_path / "out"
+    assert photometric_residual.main(["--data", "a", "b/c", "--estimator", "sgbm", "--out", str(out)]) == 0
+    content = read_json(out / "residual.json")["datasets"]
+    assert [(row["data"], row["pairs"], row["scenes"]) for row in content] == [("a", 2, 2), ("b/c", 2, 2)]
+    assert content[0]["methods"]["SGBM"]["ratio"] == pytest.approx(1, abs=0.05)
+    low, high = content[0]["methods"]["truth"]["interval"]
+    assert low <= content[0]["methods"]["truth"]["ratio"] <= high
+    table = (out / "residual.md").read_text()
+    assert table == capsys.readouterr().out and table.startswith("| pairs | SGBM | truth |") and "| c | " in table
+
+
+def test_an_empty_split_is_one_line(photometric_residual, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: Pairs())
+    assert photometric_residual.main(["--data", "a", "--out", str(tmp_path / "out")]) == 2
+    assert "--data a: split test holds no pairs" in capsys.readouterr().err
