@@ -58,6 +58,15 @@ def test_the_drives_of_the_policy_are_those_of_their_files() -> None:
         assert sorted(others.split(", ")) == sorted(words or ["-"])
 
 
+def test_the_residuals_are_those_of_their_file() -> None:
+    datasets = json.loads((ROOT / "depth/photometric_residual.json").read_text())["datasets"]
+    found = rows("depth.md", "## The photometric residual of the truth\n")
+    assert [row[0] for row in found] == [Path(row["data"]).name for row in datasets]
+    for (_, *cells), row in zip(found, datasets, strict=True):
+        numbers = [(of_method["ratio"], *of_method["interval"]) for of_method in row["methods"].values()]
+        assert cells == ["{:.3f} ({:.3f} to {:.3f})".format(*values) for values in numbers]
+
+
 def test_the_drives_with_slip_are_those_of_their_files() -> None:
     found = rows("slip.md", "## In drives\n")
     for (_, *cells), name in zip(found, ("none", "measured", "unmeasured"), strict=True):
