@@ -66,16 +66,22 @@ def ratios(sample: Any, methods: Mapping[str, Estimator]) -> dict[str, float]:
     right = align_rows(left, sample.right, rig)[0]
     matched = residuals(left, right, SGBM().match(left, right, rig))
     disparities = {name: method.infer(left, right, rig).disparity for name, method in methods.items()}
-    found = {}
+    ratio_of = {}
     for name, disparity in {**disparities, TRUTH: sample.disparity}.items():
         residual = residuals(left, right, np.where(disparity > 0, disparity, np.float32(np.nan)))
         shared = np.isfinite(residual) & np.isfinite(matched)
-        found[name] = float(residual[shared].mean() / matched[shared].mean()) if shared.any() else np.nan
-    return found
+        ratio_of[name] = float(residual[shared].mean() / matched[shared].mean()) if shared.any() else np.nan
+    return ratio_of
 
 
 def measure(folder: Path, options: Options, methods: Mapping[str, Estimator]) -> dict[str, Any]:
-    """Return the number of pairs and of scenes of a dataset, and the mean ratio of each method with its interval."""
+    """Return the number of pairs and of scenes of a dataset, and the mean ratio of each method with its interval.
+
+    Pairs in which a method shares no pixel with SGBM are left out of its mean.
+
+    Raises:
+        ValueError: The split holds no pairs, or a method shares no pixel with SGBM in any of them.
+    """
     pairs = open_pairs(folder, options.split, options.reader)
     chosen = spread(len(pairs), options.limit)
     if not chosen:
@@ -85,8 +91,11 @@ def measure(folder: Path, options: Options, methods: Mapping[str, Estimator]) ->
     of_methods = {}
     for name in rows[0]:
         values = np.array([row[name] for row in rows])
-        low, high = interval(resampled_means(values, scenes))
-        of_methods[name] = {"ratio": float(values.mean()), "interval": [low, high]}
+        finite = np.isfinite(values)
+        if not finite.any():
+            raise ValueError(f"--data {folder}: {name} and SGBM measure no pixel together in any pair")
+        low, high = interval(resampled_means(values[finite], [s for s, known in zip(scenes, finite) if known]))
+        of_methods[name] = {"ratio": float(values[finite].mean()), "interval": [low, high]}
     return {"data": str(folder), "pairs": len(rows), "scenes": len(set(scenes)), "methods": of_methods}
 
 

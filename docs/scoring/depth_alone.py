@@ -23,7 +23,7 @@ class DepthAlone:
     """The `lite` of docs/results/methods.md without its normals."""
 
     def __init__(self) -> None:
-        self._network = load_estimator(f"m3depth:{WEIGHTS}")
+        self._network = load_estimator(f"m3depth:{WEIGHTS}", runtime="openvino")
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """Return the prediction for a rectified pair, without normals; see M3Depth.infer."""

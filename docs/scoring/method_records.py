@@ -45,7 +45,7 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
         "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
         none), "intervals" (errors by true depth), "gets_truth", "normals_are_fitted" (whether the normals are those of
         planes that are fitted to the depth), "weights_sha256" (None without weights), "runtime" (None for
-        methods that are no network of m3depth.train) and "commit" (of the code).
+        methods that are not named m3depth) and "commit" (of the code).
 
     Raises:
         DatasetError: There are none, the places do not have the same methods, or two have other weights of a method.

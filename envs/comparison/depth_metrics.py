@@ -126,7 +126,7 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         of_score = []
         for name, metric in METRICS.items():
             both, (x, y) = _both(dots, name, score)
-            if len(both) < FEWEST or min(map(_differing, (x, y))) < min(FEWEST, len(both) - 1):
+            if _too_few(x, y):
                 continue
             logarithmic = metric.logarithmic and x.min() > 0
             conditions, methods = ([dot[key] for dot in both] for key in ("condition", "method"))
@@ -167,11 +167,18 @@ def _with_interval(name: str, values: np.ndarray, conditions: Sequence[str]) -> 
 def _weaker(dots: Sequence[Mapping[str, Any]], score: str, metric: str, strongest: str) -> dict[str, Any]:
     """Return "weaker" of correlate and its interval."""
     both, (x, best, y) = _both(dots, metric, strongest, score)
+    if _too_few(x, best, y):
+        return {}
     conditions = [dot["condition"] for dot in both]
     weights = _resampled(conditions)
     of_score = ranks(y, weights)
     size, best_size = (np.abs(correlation(ranks(v, weights), of_score, weights)) for v in (x, best))
     return _with_interval("weaker", best_size - size, conditions)
+
+
+def _too_few(*values: np.ndarray) -> bool:
+    """Return whether values (n,) of dots are too few for a correlation, or too few of one kind differ."""
+    return len(values[0]) < FEWEST or min(map(_differing, values)) < min(FEWEST, len(values[0]) - 1)
 
 
 def _differing(values: np.ndarray) -> int:
@@ -206,8 +213,9 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
         f"{FEWEST_CONDITIONS} or more and nearly all samples have a correlation. By the logarithm: the correlation "
         "with the logarithm of the metric. Less true depth: less the score of the same driver with true depth on the "
         "same courses, which leaves out how hard a condition is for any eyes. Weaker: how much smaller the correlation "
-        "is, without its sign, than that of the strongest metric. Within methods: of the ranks among the dots of each "
-        "method, which leaves out that one method is worse than another throughout, in the depth and in the drives. "
+        "is, without its sign, than that of the strongest metric, over the dots that have both; the strongest was "
+        "chosen on the same drives. Within methods: of the ranks among the dots of each method, which leaves out "
+        "that one method is worse than another throughout, in the depth and in the drives. "
         "The intervals hold for these methods: others were not drawn."
     )
     return "\n".join([*lines, "", note]) + "\n"

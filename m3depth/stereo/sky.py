@@ -13,9 +13,9 @@ import numpy as np
 from marssim.base.camera import PinholeCamera
 
 CONFIDENT = 0.5  # confidence from which a pixel tells where the ground is
-FEWEST = (
-    0.05  # share of the pixels that must be confident ground: of 284 images, half with faults, all have .47 or more
-)
+# Share of the pixels that must be confident ground. 284 rendered images, half of them with faults, have .47 and more;
+# blank images, in which hardly any pixel is confident, .03 and less.
+FEWEST = 0.05
 MOST = 4000  # pixels to which the plane is fitted
 ROUNDS = 8  # of the robust fit
 UPRIGHT = 0.3  # least cosine between the plane's normal and the image's vertical: a wall has no horizon
@@ -32,9 +32,9 @@ def possible_sky(
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
     disparities best, or at most BELOW_HORIZON below it. Where that plane is seen as a wall, the horizon is not known,
-    and only the border decides. Where too few pixels are confident, as before blank ground, nothing is sky. A part
-    floats if sky separates it from the lower border and none of its pixels is confident. The image must be upright, as
-    a rover's is.
+    and only the border decides. Where fewer pixels than FEWEST are confident ground, as before blank ground or where
+    the camera looks up, nothing is sky. A part floats if sky separates it from the lower border and none of its pixels
+    is confident. The image must be upright, as a rover's is.
 
     Args:
         candidates: (H, W) bool, what the network takes for sky.

@@ -65,6 +65,7 @@ class PhysicsWorld:
         self._steps_owed, self._resting = 0.0, False
         self._rest_checks: list[Callable[[], bool]] = []
         self._step_callbacks: list[Callable[[], None]] = []
+        self._slipping_rovers = 0
         try:
             self._build()
         except BaseException:
@@ -103,6 +104,16 @@ class PhysicsWorld:
         """Ask now whether all that is watched rests. Call it after a body has been given something to do."""
         answers = [is_at_rest() for is_at_rest in self._rest_checks]  # a list, so that every function is called
         self._resting = bool(answers) and all(answers)
+
+    def slipping_rovers(self, change: int) -> None:
+        """Note that a rover was added (1) or removed (-1) that slips: with one, the ground has no friction of its own.
+
+        Args:
+            change: By how much their number changes.
+        """
+        self._slipping_rovers += change
+        friction = 0.0 if self._slipping_rovers else GROUND_FRICTION
+        self.bullet.changeDynamics(self.ground, -1, lateralFriction=friction, physicsClientId=self.client)
 
     def watch(self, is_at_rest: Callable[[], bool], after_step: Callable[[], None]) -> None:
         """Watch a body: call two functions back from now on.

@@ -40,8 +40,8 @@ class Pairs(list):
 
 
 def test_the_truth_explains_the_images_better_than_half_a_pixel_beside_it(photometric_residual):
-    found = photometric_residual.ratios(wall(0), {"off": Off()})
-    assert 0.9 < found["truth"] < 1.1 < found["off"]
+    ratio_of = photometric_residual.ratios(wall(0), {"off": Off()})
+    assert 0.9 < ratio_of["truth"] < 1.1 < ratio_of["off"]
 
 
 def test_the_command_writes_a_row_for_each_dataset(photometric_residual, tmp_path, capsys, monkeypatch):
@@ -55,6 +55,23 @@ def test_the_command_writes_a_row_for_each_dataset(photometric_residual, tmp_pat
     assert low <= content[0]["methods"]["truth"]["ratio"] <= high
     table = (out / "residual.md").read_text()
     assert table == capsys.readouterr().out and table.startswith("| pairs | SGBM | truth |") and "| c | " in table
+
+
+def test_a_pair_without_a_shared_pixel_is_left_out(photometric_residual, tmp_path, monkeypatch):
+    class Once:
+        """Knows the first pair alone."""
+
+        def infer(self, left, right, rig):
+            disparity = np.full(left.shape[:2], SHIFT if np.array_equal(left, wall(0).left) else np.nan, np.float32)
+            return Prediction(rig.fb / disparity, disparity, None, np.ones_like(disparity))
+
+    pairs, options = Pairs([wall(0), wall(1)]), photometric_residual.Options((tmp_path,), tmp_path)
+    monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: pairs)
+    of_once = photometric_residual.measure(tmp_path, options, {"once": Once()})["methods"]["once"]
+    assert of_once["ratio"] == pytest.approx(photometric_residual.ratios(wall(0), {})["truth"])
+    pairs.pop(0), pairs.append(wall(2))
+    with pytest.raises(ValueError, match="once and SGBM measure no pixel together in any pair"):
+        photometric_residual.measure(tmp_path, options, {"once": Once()})
 
 
 def test_an_empty_split_is_one_line(photometric_residual, tmp_path, capsys, monkeypatch):

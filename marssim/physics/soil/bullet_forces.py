@@ -13,7 +13,7 @@ import numpy as np
 from marssim.physics.soil.slippage import Slippage
 from marssim.physics.soil.soil_map import GroundName
 from marssim.physics.soil.traction import Grip, Traction
-from marssim.physics.world import GROUND_FRICTION, PhysicsWorld
+from marssim.physics.world import PhysicsWorld
 
 REFRESH = 12  # steps for which the grip of the wheels is taken as constant: 1 cm at full speed
 YAW_INERTIA = 75.0  # [kg m2] of the rover about its z, that of its links together, roughly
@@ -49,7 +49,7 @@ class SoilForces:
         self._grip: Grip | None = None
         self._steps = 0
         self.slippage = Slippage()
-        self._p.changeDynamics(world.ground, -1, lateralFriction=0, physicsClientId=self._client)
+        world.slipping_rovers(1)
         self.apply()
         world.watch(self.is_at_rest, self.apply)
 
@@ -62,10 +62,9 @@ class SoilForces:
         return True
 
     def remove(self) -> None:
-        """Stop pushing, and give the ground its friction back."""
+        """Stop pushing. The last rover that slips gives the ground its friction back."""
         self._world.unwatch(self.is_at_rest, self.apply)
-        friction = GROUND_FRICTION
-        self._p.changeDynamics(self._world.ground, -1, lateralFriction=friction, physicsClientId=self._client)
+        self._world.slipping_rovers(-1)
 
     def apply(self) -> None:
         """Push the wheels in the next step, and count the step for the sums of the drive."""

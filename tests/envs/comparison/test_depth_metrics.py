@@ -175,6 +175,21 @@ def test_within_methods_a_method_that_is_worse_throughout_does_not_count():
     assert all(row["within"] == pytest.approx(row["spearman"]) for row in alone)
 
 
+def test_metrics_of_different_dots_are_not_compared():
+    """As where one laboratory recorded the one and another the other."""
+    dots = [
+        {
+            "condition": str(n), "method": name, "success_rate": 1.0, "spl": 0.9 - 0.1 * n,
+            "success_rate_less_truth": None, "spl_less_truth": None, "abs_rel": 0.01 * (1 + n) if mine else None,
+            "rocks_missed": None if mine else 0.1 + 0.01 * n * n, "false_obstacles": None, "near_ground_as_sky": None,
+        }
+        for n in range(5) for name, mine in (("mine", True), ("theirs", False))
+    ]  # fmt: skip
+    rows = correlate(dots)
+    assert [row["metric"] for row in rows] == ["abs_rel", "rocks_missed"]
+    assert all(row["weaker"] is row["weaker_interval"] is None for row in rows)
+
+
 def test_the_plot_takes_metrics_that_only_some_methods_have(tmp_path, drawn_figures):
     dots = condition_dots({"truth": TRUTH, "eyes": EYES, "more": method("more", (1, 1, 0, 1), (0.0, 0.2, 0.3, 0.1))})
     plot_depth_metrics(tmp_path / "plot.png", dots, correlate(dots))

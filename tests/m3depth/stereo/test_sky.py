@@ -41,6 +41,16 @@ def test_patches_that_do_not_reach_the_upper_border_are_no_sky() -> None:
     assert possible_sky(taken, disparity, np.ones_like(disparity), CAMERA)[5:20, 20].all()
 
 
+@pytest.mark.parametrize(("rows", "seen"), [(5, False), (8, True)])  # 3.9 and 6.3 % of the image
+def test_a_camera_that_looks_up_sees_sky_only_above_enough_ground(rows: int, seen: bool) -> None:
+    disparity, sure = np.zeros((2, 128, 128), np.float32)
+    sure[-rows:] = 1
+    disparity[-rows:] = 10 + np.arange(rows)[:, None]
+    taken = np.zeros(disparity.shape, bool)
+    taken[:-rows] = True
+    assert possible_sky(taken, disparity, sure, CAMERA)[:60].all() == seen
+
+
 def test_without_confident_ground_nothing_is_sky() -> None:
     """Blank, bright ground up to the lower border looks like this."""
     disparity, down = level_ground(10.0)

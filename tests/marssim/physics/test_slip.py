@@ -149,7 +149,10 @@ def test_physics_on_soil_is_deterministic_and_can_be_removed(slope):
 @needs_bullet
 def test_without_the_rover_that_slips_the_ground_has_friction_again(slope):
     with PhysicsWorld(slope(8), ZHURONG) as world:
-        Rover(world, 0.0, 0.0, 0.0, "sand").remove()
+        first, second = (Rover(world, x, 0.0, 0.0, "sand") for x in (0.0, 4.0))
+        for slipping, friction in ((first, 0.0), (second, 1.0)):
+            slipping.remove()
+            assert world.bullet.getDynamicsInfo(world.ground, -1, physicsClientId=world.client)[1] == friction
         rover = Rover(world, 0.0, 0.0, 0.0)
         world.step(2.0)
         start = rover.state().position
