@@ -105,7 +105,7 @@ class PhysicsWorld:
         answers = [is_at_rest() for is_at_rest in self._rest_checks]  # a list, so that every function is called
         self._resting = bool(answers) and all(answers)
 
-    def slipping_rovers(self, change: int) -> None:
+    def note_slipping_rover(self, change: int) -> None:
         """Note that a rover was added (1) or removed (-1) that slips: with one, the ground has no friction of its own.
 
         Args:

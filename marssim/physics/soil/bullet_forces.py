@@ -49,7 +49,7 @@ class SoilForces:
         self._grip: Grip | None = None
         self._steps = 0
         self.slippage = Slippage()
-        world.slipping_rovers(1)
+        world.note_slipping_rover(1)
         self.apply()
         world.watch(self.is_at_rest, self.apply)
 
@@ -64,7 +64,7 @@ class SoilForces:
     def remove(self) -> None:
         """Stop pushing. The last rover that slips gives the ground its friction back."""
         self._world.unwatch(self.is_at_rest, self.apply)
-        self._world.slipping_rovers(-1)
+        self._world.note_slipping_rover(-1)
 
     def apply(self) -> None:
         """Push the wheels in the next step, and count the step for the sums of the drive."""
