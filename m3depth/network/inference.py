@@ -18,6 +18,7 @@ from m3depth.network.output import Maps, Start
 from m3depth.network.row_bands import by_rows
 from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
 from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import align_rows
 from m3depth.stereo.sky import possible_sky
 from marssim.base.camera import StereoRig
 
@@ -31,7 +32,7 @@ Forward = Callable[[Tensor, Tensor, Tensor, Start | None], Any]
 
 def infer_pair(
     forward: Forward, reach: float, goes_on: bool, device: torch.device, left: np.ndarray, right: np.ndarray,
-    rig: StereoRig, nearest: float | None = None, max_pixels: int | None = None,
+    rig: StereoRig, nearest: float | None = None, max_pixels: int | None = None, align: bool = False,
 ) -> Prediction:  # fmt: skip
     """Run a network on a pair, from coarse to fine, and return its maps; StereoNetwork.infer describes the result.
 
@@ -45,6 +46,7 @@ def infer_pair(
         rig: The cameras of these images.
         nearest: The shortest distance that should be measured [m]; None is 0.84 m.
         max_pixels: Largest number of pixels of an image that the network works on; None: as many as the images have.
+        align: Whether rows of the images that lie significantly apart are aligned first.
 
     Raises:
         ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
@@ -53,7 +55,10 @@ def infer_pair(
         raise ValueError(f"nearest must be positive, got {nearest}")
     if max_pixels is not None and not max_pixels > 0:
         raise ValueError(f"max_pixels must be positive, got {max_pixels}")
-    pair = [in_colour(image) for image in checked_pair(left, right, rig)]
+    left, right = checked_pair(left, right, rig)
+    if align:
+        right, _ = align_rows(left, right, rig)
+    pair = [in_colour(left), in_colour(right)]
     nearest = NEAREST if nearest is None else nearest
     out: Any = None
     for rows, columns in working_sizes(rig, reach, nearest, max_pixels, goes_on):

@@ -106,7 +106,7 @@ class StereoNetwork(nn.Module):
     @torch.inference_mode()
     def infer(
         self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
-        max_pixels: int | None = None,
+        max_pixels: int | None = None, align_rows: bool = False,
     ) -> Prediction:  # fmt: skip
         """Estimate the maps of one rectified pair, at the input's size.
 
@@ -121,6 +121,9 @@ class StereoNetwork(nn.Module):
             nearest: The shortest distance that should be measured [m]; None is 0.84 m.
             max_pixels: Largest number of pixels of an image that the network works on; larger images are reduced to
                 it, which saves time and memory. None: as many as the images have.
+            align_rows: Whether the right image is first turned so that the rows of the two match, where they lie
+                significantly apart, as m3depth.stereo.rows estimates from the pair. Disparities are then those of the
+                turned image.
 
         Returns:
             Depth in metres of the given rig; inf where the network sees sky, and in what floats in it (see
@@ -132,7 +135,9 @@ class StereoNetwork(nn.Module):
         """
         warn_of_busy_threads()
         device = next(self.parameters()).device
-        return infer_pair(self._forward, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
+        return infer_pair(
+            self._forward, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels, align_rows
+        )
 
     @torch.inference_mode()
     def infer_steps(
@@ -141,8 +146,8 @@ class StereoNetwork(nn.Module):
     ) -> list[StepMap]:  # fmt: skip
         """Estimate the disparity of one pair after each refinement step, at each size at which the network works.
 
-        Arguments and errors are those of infer, in which only the last of these maps counts. The network must be one
-        that takes steps.
+        Arguments and errors are those of infer without align_rows, in which only the last of these maps counts. The
+        network must be one that takes steps.
 
         Returns:
             The maps in the order of the steps, at the input's size.

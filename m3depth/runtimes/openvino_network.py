@@ -64,7 +64,7 @@ class OpenVinoM3Depth:
     @torch.inference_mode()
     def infer(
         self, left: np.ndarray, right: np.ndarray, rig: StereoRig, nearest: float | None = None,
-        max_pixels: int | None = None,
+        max_pixels: int | None = None, align_rows: bool = False,
     ) -> Prediction:  # fmt: skip
         """Estimate depth, disparity, normals and confidence of one rectified pair, as M3Depth.infer does.
 
@@ -74,6 +74,7 @@ class OpenVinoM3Depth:
             nearest: The shortest distance that should be measured [m]; None is 0.84 m.
             max_pixels: Largest number of pixels of an image that the network works on; None: as many as the images
                 have.
+            align_rows: Whether rows of the images that lie significantly apart are aligned first.
 
         Raises:
             ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
@@ -81,8 +82,9 @@ class OpenVinoM3Depth:
         cpu = torch.device("cpu")
         with self._lock:  # a request works on one pair at a time
             return infer_pair(
-                self._run, self.network.reach, self.network.goes_on, cpu, left, right, rig, nearest, max_pixels
-            )
+                self._run, self.network.reach, self.network.goes_on, cpu, left, right, rig, nearest, max_pixels,
+                align_rows,
+            )  # fmt: skip
 
     def _run(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None) -> StereoOutput:
         height, width = left.shape[-2:]

@@ -1,6 +1,11 @@
+import numpy as np
 import pytest
+import torch
+from turned_pairs import RIG, slope, turned
 
-from m3depth.network.inference import working_sizes
+from m3depth.network.inference import infer_pair, working_sizes
+from m3depth.network.output import StereoOutput
+from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM
 
 
@@ -26,3 +31,23 @@ def test_sizes_end_at_the_pixels_of_the_images(
 
 def test_networks_without_refinement_work_at_one_size() -> None:
     assert working_sizes(NATECAM.resized(2048, 2048), 192.0, 0.84, refines=False) == [(513, 513)]
+
+
+@pytest.mark.parametrize("apart", [0.0, 1.3])
+def test_rows_are_aligned_before_the_network_sees_them(apart: float) -> None:
+    left, right = slope()
+    given = turned(right, RIG, apart, 0.0)
+    seen: list[np.ndarray] = []
+
+    def keep(_: torch.Tensor, right: torch.Tensor, camera: torch.Tensor, start: None) -> StereoOutput:
+        seen.append((right[0, 0].numpy() * 255).round().astype(np.uint8))
+        one = torch.ones(1, 1, *right.shape[-2:])
+        normal = torch.cat([0 * one, 0 * one, -one], 1)
+        return StereoOutput(one, normal, one, -one, (one, normal), [])
+
+    for align in (False, True):
+        infer_pair(keep, 192.0, False, torch.device("cpu"), left, given, RIG, align=align)
+    expected, fit = align_rows(left, given, RIG)
+    assert (fit is not None) == (apart > 0)
+    np.testing.assert_array_equal(seen[0], given)
+    np.testing.assert_array_equal(seen[1], expected)

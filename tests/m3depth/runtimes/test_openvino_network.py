@@ -6,9 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import torch
+from turned_pairs import RIG, slope, turned
 
 from m3depth.estimator import load_estimator
 from m3depth.export import textured_pair
+from m3depth.stereo.rows import align_rows
 from marssim.base.camera import PinholeCamera, StereoRig
 
 pytest.importorskip("openvino")
@@ -62,6 +64,16 @@ def test_nearest_and_max_pixels_do_the_same(small_network, in_fp32):
     limits = {"nearest": 0.3, "max_pixels": 48 * 64}
     expected, actual = network.infer(*images, **limits), OpenVinoM3Depth(network, FP32).infer(*images, **limits)
     assert actual.depth.shape == (96, 128) and max(differences(expected, actual)) < 1e-3
+
+
+def test_rows_are_aligned_alike(small_network, in_fp32):
+    network, (left, right) = small_network(), slope()
+    given = turned(right, RIG, 1.3, 0.0)
+    expected = network.infer(left, align_rows(left, given, RIG)[0], RIG)
+    for estimator in (network, OpenVinoM3Depth(network, FP32)):
+        aligned = estimator.infer(left, given, RIG, align_rows=True)
+        assert max(differences(expected, aligned)) < 1e-3
+        assert differences(expected, estimator.infer(left, given, RIG))[0] > 1e-2
 
 
 def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolutions(in_fp32, monkeypatch):
