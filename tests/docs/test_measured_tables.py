@@ -91,3 +91,28 @@ def test_intervals_over_few_courses_hold_the_true_mean_too_rarely(courses: int, 
     means = resampled_means(samples, draws=1000)
     held = [low <= differences.mean() <= high for low, high in map(interval, means.T)]
     assert abs(np.mean(held) - share) < 3 * np.sqrt(share * (1 - share) / len(held))
+
+
+def test_the_texture_of_images_is_that_of_its_file() -> None:
+    groups = json.loads((ROOT / "texture-and-steps/texture.json").read_text())["groups"]
+    mars, earth = groups["Mars"], groups["Earth"]
+    given = dict(zip(("Curiosity, Navcam", "Perseverance, Navcam", "Perseverance, Mastcam-Z"), mars["images"]))
+    given["mean of these three"] = mars["mean"]
+    given |= {f"`{name}`": group["mean"] for name, group in groups.items() if name not in ("Mars", "Earth")}
+    formats = {"lbp_riu2": "{:.2f}", "high": "{:.1%}", "poor": "{:.1%}", "gradient": "{:.2f}", "slope": "{:.2f}"}
+    table_rows = {row[0]: row[1:] for row in rows("texture-and-steps.md", "## Texture\n")}
+    assert set(table_rows) - set(given) == {
+        "eight photographs from Earth",
+        "the paper: one image of Mars, one of Earth",
+    }
+    for name, figures in given.items():
+        expected = [text.format(figures[key]).replace("%", " %") for key, text in formats.items()]
+        assert table_rows[name] == expected, name
+    spreads = []
+    for key, text in formats.items():
+        values = [image[key] for image in earth["images"]]
+        mean, low, high = (
+            text.format(value).replace("%", " %") for value in (earth["mean"][key], min(values), max(values))
+        )
+        spreads.append(f"{mean} ({low.removesuffix(' %')} to {high.removesuffix(' %')})")
+    assert table_rows["eight photographs from Earth"] == spreads
