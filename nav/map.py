@@ -39,6 +39,7 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.map_file import find_map, read_map_file
 from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.pose import recorded_pose
 from marssim.base.results.claim import ResultFolder
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
@@ -67,7 +68,8 @@ class MapOptions:
     out: Path
     """Folder to write the map to; a map in it is replaced."""
     cell: float = 0.1
-    """Edge of a cell [m], from 0.02 to 0.5: slopes are those of planes through the cells within 1.1 m."""
+    """Edge of a cell [m], from 0.02 to 0.5. Slopes are those of planes through squares of cells, about 1.2 to 1.4 m
+    wide up to cells of 0.2 m, and 3 m at 0.5 m."""
     max_range: float = 12.0
     """Depth [m], above 0.5, beyond which points are left out."""
     min_confidence: float = 0.5
@@ -157,11 +159,13 @@ def find_pairs(data: Path) -> list[PredictedPair]:
 def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
     try:
         rig = StereoRig.from_dict(record["rig"])
-        pose = np.array(record["camera_to_rover"] if record.get("pose") is None else record["pose"], float)
+        given = record["camera_to_rover"] if record.get("pose") is None else record["pose"]
     except (KeyError, TypeError, ValueError):
-        pose = np.zeros(0)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise DatasetError(f"{file}: holds no rig and pose of a pair; predict it again")
+        raise DatasetError(f"{file}: holds no rig and pose of a pair; predict it again") from None
+    try:
+        pose = recorded_pose(given)
+    except ValueError as error:
+        raise DatasetError(f"{file}: {error}; predict it again") from None
     on_rover = record.get("pose") is None
     return PredictedPair(file.parent, rig, pose, on_rover, on_rover and record.get("mount_assumed") is True)
 

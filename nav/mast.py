@@ -10,6 +10,7 @@ from nav.config import NavigatorConfig
 from nav.ground.elevation import ElevationMap
 
 PAN_TOLERANCE = np.deg2rad(10.0)  # [rad] within which the mast has reached a pan
+PAN_MOVED = np.deg2rad(1.0)  # [rad] by which a mast that moves comes nearer to a pan in a step
 AHEAD_BEARING = np.deg2rad(15.0)  # [rad] below which a bearing lies within the view straight ahead
 
 
@@ -35,7 +36,7 @@ class Mast:
         """
         if commanded is not None:
             missing = abs(commanded - pan)
-            if missing > PAN_TOLERANCE and missing > abs(commanded - self._last_pan) - PAN_TOLERANCE:
+            if missing > PAN_TOLERANCE and missing > abs(commanded - self._last_pan) - PAN_MOVED:
                 self.obeys = False  # it is neither at the pan nor moving towards it
         self._last_pan = pan
 

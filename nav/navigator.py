@@ -38,6 +38,7 @@ import numpy as np
 
 from marssim.base.angle import wrapped
 from marssim.base.camera import StereoRig
+from marssim.base.pose import recorded_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
@@ -142,6 +143,7 @@ class Navigator:
         goal: np.ndarray,
         pan: float = 0.0,
         between_looks: bool = False,
+        obeyed: bool = True,
     ) -> Command:
         """Do one cycle: fuse the image, judge the ground, choose the motion for the next step_time seconds.
 
@@ -156,30 +158,30 @@ class Navigator:
             between_looks: Whether the rover took no image on purpose, as it looks only once in a while. It then drives
                 on by its map as long as that shows a free way, and stops for a look where it does not; depth and
                 confidence are not read. Without it, a rover without an image stands still.
+            obeyed: Whether the rover was to carry out the last command. Where it is not, as another driver moves it,
+                that it stands still is no sign of an obstacle, and the pan no sign that the mast is broken.
 
         Returns:
             The command for the next step.
 
         Raises:
-            ValueError: If shapes disagree, or pose, goal or pan are not finite.
+            ValueError: If shapes disagree, goal or pan are not finite, or pose is no rotation and translation.
         """
-        pose, goal = np.asarray(pose, float), np.asarray(goal, float)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise ValueError("pose must be a finite (4, 4) matrix, body to world")
+        pose, goal = recorded_pose(pose), np.asarray(goal, float)
         if goal.shape not in ((2,), (3,)) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")
         if not np.isfinite(pan):
             raise ValueError(f"pan must be a finite angle [rad], got {pan}")
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
-        self._begin(pose, planar, goal[:2], pan)
+        self._begin(pose, planar, goal[:2], pan, obeyed)
         ground_visible = between_looks or self._look(depth, confidence, rig, pose, pan)
-        if not between_looks:
+        if ground_visible and not between_looks:
             self.looks.note(planar, pan)
         command = self._decide(planar, goal[:2], pan, ground_visible, between_looks)
         self._last_pose, self._last_command = planar, command
         return command
 
-    def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float) -> None:
+    def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float, obeyed: bool) -> None:
         """Take in the rover's new pose and the goal: move the map, and count what the last command achieved."""
         self.motion = self.planner.considered = None
         self.looks_along = False
@@ -197,6 +199,9 @@ class Navigator:
         # The ground under the rover carries it, seen or not.
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)
+        if not obeyed:
+            self._idle_drives = 0
+            return
         self.mast.follow(pan, self._last_command.pan)
         moved = float(np.hypot(*(planar - self._last_pose)[:2]))
         wanted = abs(self._last_command.speed) * self.config.step_time
@@ -310,6 +315,7 @@ class Navigator:
         self.mast.turn_is_over()
         speed = self.spec.max_speed * float(np.clip(motion.length / (2 * c.planner.commit), 0.5, 1.0))
         speed = min(speed, max(distance - c.goal_radius, 0.1) / c.step_time)
+        speed = min(speed, max(motion.length, c.planner.commit) / c.step_time)  # only what is known to be free
         speed, yaw_rate = steerable(speed, motion.curvature * speed, self.spec)
         turn = yaw_rate * c.step_time
         short = motion.length < 2 * c.planner.commit and abs(turn) < BEND

@@ -103,7 +103,7 @@ class Recovery:
             The command; None after max_recoveries attempts that did not help.
         """
         if self._pans_to_look is None:
-            side = np.deg2rad(self.config.look_pan_deg)
+            side = min(np.deg2rad(self.config.look_pan_deg), self.spec.mount.pan_limit)
             self._pans_to_look = [a for a in (side, -side, 0.0) if abs(a - pan) > PAN_TOLERANCE]
         if not mast_obeys:
             self._pans_to_look = []

@@ -87,12 +87,12 @@ Watch = Callable[[Frame, Navigator, Command], None]
 
 def replay(
     frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None,
-    area: Area | None = None,
+    area: Area | None = None, obeyed: bool = False,
 ) -> list[Command]:  # fmt: skip
     """Return the navigator's command for each frame, until the navigator ends the drive.
 
-    The recording is another driver's: each command is what the navigator would do from the place that this driver had
-    reached. The rover is assumed to stand where its mount (spec.mount) puts the camera at its recorded pose.
+    Each command is what the navigator would do from the place that the recording's driver had reached. The rover is
+    assumed to stand where its mount (spec.mount) puts the camera at its recorded pose.
 
     Args:
         frames: The recorded images, in order.
@@ -100,15 +100,17 @@ def replay(
         spec: The rover.
         watch: Is called with frame, navigator and command after each decision.
         area: (x0, y0, x1, y1) in the world within which the rover's middle must stay [m]; None for no limit.
+        obeyed: Whether the navigator itself drove when the frames were recorded, so that between two of them its
+            command was carried out. A rover that it drove and that stood still has met something that it did not see.
 
     Raises:
-        ValueError: The area is empty.
+        ValueError: The area is empty, or the pose of a frame is no rotation and translation.
     """
     navigator, commands = Navigator(spec, area=area), []
     for frame in frames:
         body, place = frame.body(spec), np.asarray(goal, float)
         command = navigator.step(
-            frame.depth, frame.confidence, frame.rig, body, place, frame.pan, between_looks=frame.depth is None
+            frame.depth, frame.confidence, frame.rig, body, place, frame.pan, frame.depth is None, obeyed
         )
         commands.append(command)
         if watch is not None:
@@ -221,10 +223,11 @@ def _work(config: ReplayConfig) -> None:
             raise ValueError(f"--scene is for a dataset; {config.data} holds one drive")
         drive = read_drive(config.data)
         frames, title, area = list(driven(drive)), config.data.name, area_of(drive)
+        obeyed = drive.content["episode"].get("driver") == "navigator"
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
     else:
         frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
-        goal = _world(frames[0], config.goal or AHEAD)
+        goal, obeyed = _world(frames[0], config.goal or AHEAD), False
     recorder = DriveRecorder(goal, ZHURONG)
     with ExitStack() as opened:
         watches: list[Watch] = []
@@ -240,7 +243,7 @@ def _work(config: ReplayConfig) -> None:
             for each in watches:
                 each(frame, navigator, command)
 
-        commands = replay(frames, goal, watch=watch, area=area)
+        commands = replay(frames, goal, watch=watch, area=area, obeyed=obeyed)
     print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
     for number, c in enumerate(commands):
         pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"

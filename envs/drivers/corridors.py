@@ -116,16 +116,25 @@ def as_corridors(observation: dict[str, Any], spec: RoverSpec, last: int = AHEAD
         (36,) float32.
     """
     distance, sine, cosine = observation["goal"]
-    free, room = look_along(observation["map"][1], float(np.arctan2(sine, cosine)) + _OFFSETS, spec.width / 2 + MARGIN)
+    cost, bearing = _without_own_ground(observation["map"][1], spec), float(np.arctan2(sine, cosine))
+    free, room = look_along(cost, bearing + _OFFSETS, spec.width / 2 + MARGIN)
     goal = [share_of_distance(distance), sine, cosine]
     last_way = [_OFFSETS[last] / HALF_FAN]
     return np.concatenate([free / REACH, room / ROOM, goal, observation["state"], last_way]).astype(np.float32)
 
 
+def _without_own_ground(cost: np.ndarray, spec: RoverSpec) -> np.ndarray:
+    """Return the cost (64, 64) with no obstacle in cells under the rover: the ground there carries it."""
+    middles = (PIXELS / 2 - 0.5 - np.arange(PIXELS)) * CELL
+    under = (np.abs(middles) < spec.length / 2)[:, None] & (np.abs(middles) < spec.width / 2)
+    return np.where(under, 0, cost)
+
+
 def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tuple[np.ndarray, np.ndarray]:
     """Measure the straight ways from the rover.
 
-    A rover that stands nearer to an obstacle than half_width may go wherever it comes no nearer.
+    A rover that stands nearer to an obstacle than half_width may go wherever it comes no nearer, until its way is as
+    far from all obstacles as half_width.
 
     Args:
         cost: (64, 64) cost of MarsNav-v0's map, 1 at obstacles.
@@ -144,7 +153,8 @@ def look_along(cost: np.ndarray, bearings: np.ndarray, half_width: float) -> tup
     clearance = euclidean_distance(free) * CELL - CELL / 2
     middle = slice(PIXELS // 2 - 1, PIXELS // 2 + 1)  # the rover stands at the corner of four cells
     near = clearance[row, column]
-    hit = near < min(half_width, float(clearance[middle, middle].min()))
+    away = np.maximum.accumulate(near >= half_width, axis=1)
+    hit = near < np.where(away, half_width, min(half_width, float(clearance[middle, middle].min())))
     length = np.where(hit.any(axis=1), hit.argmax(axis=1) * CELL, REACH)
     return length, np.clip(near[:, :_ROOM_CELLS].min(axis=1), 0, ROOM)
 

@@ -13,6 +13,7 @@ from nav.navigator import Navigator
 
 ABOVE = 150.0  # [m] height above the ground from which it is measured, so that rocks hide none of it
 TILE = 200  # cells along a side of one of the views from there
+BESIDE = 20  # cells beside them that a view shows too, so that none is left out where the ground is high
 ACROSS = 3  # pixels along a side of a cell
 CERTAIN = 1e9  # weight of the measured cells [1 / m2]: a look only raises what stands out, and lowers the ground
 
@@ -33,7 +34,7 @@ class OracleDriver(NavigatorDriver):
 
 
 def true_map(renderer: Renderer, half: float) -> ElevationMap:
-    """Return the heights of ground and rocks of a scene, as seen vertically from above.
+    """Return the heights of ground and rocks of a scene, seen from high above, in the cells in which they lie.
 
     Args:
         renderer: Renderer of the scene.
@@ -42,18 +43,24 @@ def true_map(renderer: Renderer, half: float) -> ElevationMap:
     cell = ElevationConfig().cell
     tiles = int(np.ceil(2 * half / (TILE * cell)))
     out = ElevationMap(ElevationConfig(size=tiles * TILE * cell))
-    pixels = TILE * ACROSS
-    # pixels are centred in their parts of a cell at the height of the origin, which is near that of the ground
+    top, low = np.full(out.n * out.n, -np.inf), np.full(out.n * out.n, np.inf)
+    pixels = (TILE + 2 * BESIDE) * ACROSS
     camera = PinholeCamera.centred(pixels, pixels, ABOVE * ACROSS / cell)
+    rays = camera.rays()
     for row in range(tiles):
         for column in range(tiles):
             x, y = out.origin + TILE * cell * (np.array([column, row]) + 0.5)
             pose = np.array([[1, 0, 0, x], [0, -1, 0, y], [0, 0, -1, ABOVE], [0, 0, 0, 1.0]])
-            depth = renderer.render(camera, pose, sunlit=False).depth
-            heights = (ABOVE - depth)[::-1].reshape(TILE, ACROSS, TILE, ACROSS)  # rows run north
-            at = np.s_[row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE]
-            out.top[at], out.low[at] = heights.max(axis=(1, 3)), heights.min(axis=(1, 3))
-    seen = np.isfinite(out.top) & np.isfinite(out.low)
-    out.top[~seen] = out.low[~seen] = np.nan
-    out.weight[seen] = CERTAIN
+            depth = renderer.render(camera, pose, sunlit=False).depth.astype(float)
+            seen = np.isfinite(depth)
+            hits = (rays[seen] * depth[seen][:, None]) @ pose[:3, :3].T + pose[:3, 3]
+            at = out.cell_of(hits[:, :2])
+            inside = ((at >= 0) & (at < out.n)).all(axis=1)
+            cells, heights = at[inside, 1] * out.n + at[inside, 0], hits[inside, 2]
+            np.maximum.at(top, cells, heights)
+            np.minimum.at(low, cells, heights)
+    measured = np.isfinite(top).reshape(out.n, out.n)
+    out.top[:] = np.where(measured, top.reshape(out.n, out.n), np.nan)
+    out.low[:] = np.where(measured, low.reshape(out.n, out.n), np.nan)
+    out.weight[measured] = CERTAIN
     return out

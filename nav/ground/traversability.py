@@ -49,7 +49,8 @@ class TraversabilityConfig:
     ground_window: float = 1.7
     """Rocks narrower than this stand out of the ground entirely [m]."""
     footprint_window: float = 1.1
-    """Side of the square over which planes are fitted [m]."""
+    """Side of the square over which planes are fitted [m]. It becomes an odd number of double cells: 1.4 m with cells
+    of 0.1 m. Double cells begin at the map's corner, so planes change a little where the map moves by one cell."""
     hidden_depth: float = 0.25
     """Within this distance of an obstacle's face [m], ground that is unseen or stands out by half of step_blocked
     belongs to the obstacle: its hidden side and its flanks."""

@@ -182,6 +182,7 @@ def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
         ("broken", "depth.npy: is not a map of depth"),
         ("size", "a: depth is (7, 7), the rig's camera has (120, 160) pixels"),
         ("record", "a/prediction.json: holds no rig and pose of a pair"),
+        ("turned", "a/prediction.json: pose must be a rotation and a translation above the row 0 0 0 1; predict it"),
         ("far apart", "--cell 0.1: the pairs lie up to 9000 m apart"),
         ("unsure", "no depth of up to 12 m is sure enough"),
         ("out", "map: holds predictions; choose another"),
@@ -206,6 +207,10 @@ def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
         np.save(data / "a/depth.npy", np.ones((7, 7), np.float32))
     elif case == "record":
         (data / "a/prediction.json").write_text('{"pose": [1, 2]}')
+    elif case == "turned":
+        record = json.loads((data / "a/prediction.json").read_text())
+        record["pose"] = np.transpose(record["pose"]).tolist()
+        (data / "a/prediction.json").write_text(json.dumps(record))
     elif case == "unknown":
         np.save(data / "a/depth.npy", np.full((120, 160), np.nan, np.float32))
     elif case == "unsure":

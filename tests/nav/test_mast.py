@@ -29,8 +29,8 @@ def test_the_mast_looks_along_a_bearing_as_far_as_it_can_turn(bearing):
 
 def test_a_mast_that_does_not_move_is_noticed_and_a_slow_one_is_not():
     slow, pan = mast(), 0.0
-    for _ in range(6):
-        pan = min(pan + 0.3, 1.2)
+    for _ in range(14):
+        pan = min(pan + 0.1, 1.2)
         slow.follow(pan, 1.2)
         assert slow.obeys
     stuck = mast()

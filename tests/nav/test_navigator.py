@@ -118,6 +118,34 @@ def test_a_rover_without_depth_stands_still(depth):
     assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
 
 
+def test_an_image_that_was_lost_counts_as_no_look():
+    navigator = Navigator()
+    navigator.step(None, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    assert not navigator.looks.cover(np.zeros(3), 0.0)
+    depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    assert navigator.looks.cover(np.zeros(3), 0.0)
+
+
+@pytest.mark.parametrize("distance", [3.5, 4.0, 20.0])
+def test_a_rover_that_holds_a_command_for_long_drives_no_farther_than_it_knows_to_be_free(distance):
+    navigator = Navigator(config=replace(NavigatorConfig.of_rover(ZHURONG), step_time=10.0))
+    depth = wall(1.0, distance).depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    command = navigator.step(depth, None, SMALL_RIG, np.eye(4), GOAL)
+    assert command.status == "drive" and navigator.motion is not None
+    assert 0.5 < 10.0 * command.speed <= navigator.motion.length + 1e-9
+
+
+def test_a_rover_that_another_driver_moves_meets_nothing_by_standing_still():
+    navigator, depth = Navigator(), RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    for _ in range(6):
+        command = navigator.step(depth, None, SMALL_RIG, np.eye(4), GOAL, obeyed=False)
+        assert command.status == "drive" and not navigator.recovery.bumps
+    for _ in range(3):
+        navigator.step(depth, None, SMALL_RIG, np.eye(4), GOAL)
+    assert navigator.recovery.bumps
+
+
 def test_between_two_looks_the_rover_drives_on_by_its_map():
     navigator, world = Navigator(), RockWorld()
     eye = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, 0.0)
@@ -178,8 +206,10 @@ def test_reset_forgets_map_and_track():
 
 
 def test_wrong_input_is_refused_by_name():
-    with pytest.raises(ValueError, match="pose"):
-        Navigator().step(None, None, SMALL_RIG, np.full((4, 4), np.nan), GOAL)
+    transposed, twice = body_pose(3, 1, 0).T, 2 * np.eye(4)
+    for pose in (np.full((4, 4), np.nan), np.eye(3), transposed, twice, np.diag([1.0, 1, -1, 1])):
+        with pytest.raises(ValueError, match="pose must be"):
+            Navigator().step(None, None, SMALL_RIG, pose, GOAL)
     for pan in (np.nan, np.inf):
         with pytest.raises(ValueError, match="pan must be a finite angle"):
             Navigator().step(None, None, SMALL_RIG, np.eye(4), GOAL, pan)
@@ -268,9 +298,9 @@ def test_the_risk_rises_once_a_dead_end_and_not_at_each_look_around(monkeypatch)
     assert command.status == "look" and navigator.risk.margin_share == SMALL.risk_levels[1].margin_share
 
 
-def wall(height: float) -> RockWorld:
-    """A row of domes across the way, 3 m ahead."""
-    return RockWorld(domes=np.array([[3.0, y, 0.5, height] for y in np.arange(-4, 4.5, 0.5)]))
+def wall(height: float, ahead: float = 3.0) -> RockWorld:
+    """A row of domes across the way."""
+    return RockWorld(domes=np.array([[ahead, y, 0.5, height] for y in np.arange(-4, 4.5, 0.5)]))
 
 
 @pytest.mark.parametrize(("obstacle_height", "blocked"), [(ZHURONG.obstacle_height, False), (0.12, True)])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawn_maps import flat_map_with_rocks
@@ -39,6 +41,15 @@ def test_the_mast_looks_to_both_sides_before_the_rover_backs_out(recovery_on_fla
         pan = command.pan or 0.0
     assert wishes[:2] == [("look", pytest.approx(SIDE)), ("look", pytest.approx(-SIDE))]
     assert command.status == "recover" and recovery.backing and recovery.attempts == 1
+
+
+def test_the_search_asks_for_no_pan_that_the_mast_cannot_reach():
+    elevation, ground = flat_map_with_rocks()
+    spec = replace(ZHURONG, mount=replace(ZHURONG.mount, pan_limit=0.4))
+    planner = Planner(spec, CONFIG.planner, elevation)
+    planner.update(elevation, ground, np.array([7.0, 0.0]))
+    command = Recovery(spec, CONFIG).search(ORIGIN, ground, elevation, planner, 0.0, True)
+    assert command == Command(0.0, 0.0, 0.4, "look")
 
 
 def test_the_search_waits_for_a_slow_mast_and_uses_no_mast_that_does_not_turn(recovery_on_flat_ground):

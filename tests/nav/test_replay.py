@@ -101,6 +101,16 @@ def test_a_replay_of_a_dataset_writes_a_bag_of_the_same_commands(folder, tmp_pat
     np.testing.assert_array_equal(depth, StereoDataset(folder)[0].depth)
 
 
+def test_frames_close_to_each_other_and_pauses_are_no_obstacles():
+    seen = []
+    eyes = [body_pose(max(0.05 * (n - 5), 0), 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline) for n in range(12)]
+    close = [Frame(RockWorld().depth(SMALL_RIG, eye), None, SMALL_RIG, eye) for eye in eyes]
+    commands = replay(close, (20.0, 0.0), watch=lambda frame, navigator, command: seen.append(navigator))
+    assert [command.status for command in commands] == 12 * ["drive"] and not seen[-1].recovery.bumps
+    replay(close, (20.0, 0.0), watch=lambda frame, navigator, command: seen.append(navigator), obeyed=True)
+    assert seen[-1].recovery.bumps
+
+
 def test_a_replay_ends_at_the_goal():
     assert [c.status for c in replay(frames(), (0.7, 0.0))] == ["drive", "arrived"]
 

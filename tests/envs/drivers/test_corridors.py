@@ -42,6 +42,27 @@ def test_beside_an_obstacle_the_ways_that_lead_away_from_it_are_free():
     assert left < 0.3 and along == right == REACH
 
 
+@pytest.mark.parametrize("beside", [False, True])
+def test_an_obstacle_beside_the_rover_does_not_open_a_gap_that_is_too_narrow(beside):
+    cost = np.zeros((PIXELS, PIXELS), np.float32)
+    cost[14:18, :29] = cost[14:18, 35:] = 1.0  # a wall 2.8 m ahead, with a gap of 1.2 m
+    if beside:
+        cost[32:34, 34:36] = 1.0  # 0.4 m to the right
+    free = look_along(cost, np.array([0.0]), 0.6)[0][0]
+    assert free == pytest.approx(2.6, abs=CELL)
+
+
+def test_what_the_map_shows_under_the_rover_is_no_obstacle():
+    cost = np.zeros((PIXELS, PIXELS), np.float32)
+    cost[20, :] = 1.0  # a wall 2.3 m ahead
+    goal, state = np.array([5.0, 0.0, 1.0], np.float32), np.zeros(6, np.float32)
+    expected = as_corridors({"map": np.stack([cost] * 3), "goal": goal, "state": state}, ZHURONG)
+    cost[30:34, 30:34] = 1.0
+    np.testing.assert_array_equal(
+        as_corridors({"map": np.stack([cost] * 3), "goal": goal, "state": state}, ZHURONG), expected
+    )
+
+
 @given(st.floats(0.5, 1.4), st.floats(0.2, 4.0))
 def test_room_is_the_distance_from_what_lies_beside_the_first_metres(aside, ahead):
     row, column = int(PIXELS / 2 - ahead / CELL), int(PIXELS / 2 + aside / CELL)

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,34 @@ def test_the_true_map_has_ground_and_rocks_where_they_are(make_scene):
     row, column = np.argwhere(near & (elevation.top == elevation.top[near].max()))[0]
     assert np.hypot(x[column] - 2.0, y[row] + 3.0) < 0.15
     assert elevation.top[near].max() == pytest.approx(0.5, abs=0.05)
+
+
+def test_posts_on_a_slope_stand_where_they_are_also_between_two_views():
+    steep = np.tan(np.deg2rad(10))
+    posts = [(5.0, -0.05), (10.0, -0.05), (12.05, 0.05), (10.05, 5.05), (16.95, 8.05), (-16.95, -8.05), (-9.95, 0.05)]
+
+    class Slope:
+        """Draws a plane and posts on it, 0.5 m high and 0.2 m wide, by their equations."""
+
+        def render(self, camera, pose, sunlit=False):
+            rays, eye = camera.rays() @ pose[:3, :3].T, pose[:3, 3]
+            depth = (steep * eye[0] - eye[2]) / (rays[..., 2] - steep * rays[..., 0])
+            for x, y in posts:
+                at_top = (steep * x + 0.5 - eye[2]) / rays[..., 2]
+                on_post = np.abs(eye[:2] + at_top[..., None] * rays[..., :2] - (x, y)).max(-1) < 0.1
+                depth = np.where(on_post, at_top, depth)
+            return SimpleNamespace(depth=depth)
+
+    elevation = true_map(Slope(), 17.0)
+    x, y = elevation.centres()
+    course = (np.abs(y[:, None]) < 17) & (np.abs(x[None, :]) < 17)
+    assert elevation.measured[course].all()
+    height = np.where(course, elevation.top - steep * x[None, :], 0)
+    for post_x, post_y in posts:
+        on_post = (np.abs(x[None, :] - post_x) < 0.6) & (np.abs(y[:, None] - post_y) < 0.6) & (height > 0.4)
+        rows, columns = np.nonzero(on_post)
+        assert 1 <= len(rows) <= 9
+        assert abs(x[columns].mean() - post_x) < 0.08 and abs(y[rows].mean() - post_y) < 0.08
 
 
 def test_the_oracle_knows_ground_that_no_look_has_shown(make_env):
