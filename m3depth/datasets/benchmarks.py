@@ -4,8 +4,8 @@ KITTI        training/{image_2,image_3,disp_occ_0,disp_noc_0}/*_10.png, training
              training/{colored_0,colored_1,disp_occ,disp_noc}/*_10.png, training/calib/*.txt (2012). 0 is unknown.
              A pixel is occluded if disp_occ has a value for it and disp_noc has none.
 SceneFlow    frames_{cleanpass,finalpass}/**/left/*.png, .../right/..., disparity/**/left/*.pfm. TRAIN, TEST and VAL
-             are splits. Its cameras have f = 1050 px (450 in 15mm_focallength) and a baseline of 1 unit: depth is in
-             these units.
+             are splits. Its cameras have f = 1050 px (450 in 15mm_focallength) and a baseline of 1 unit. The scenes
+             have no scale, and methods search from 0.84 m; so a unit counts as 0.2 m, and that is 250 px at 960 px.
 Middlebury   <scene>/{im0.png,im1.png,disp0.pfm or disp0GT.pfm,calib.txt,mask0nocc.png}, in 2014/, trainingF/ (H, Q),
              MiddEval3/trainingF/ or the root itself. inf is unknown.
 ETH3D        two_view_training/<scene>/{im0.png,im1.png,calib.txt}, two_view_training_gt/<scene>/{disp0GT.pfm,
@@ -27,6 +27,7 @@ KITTI_FOLDERS = (  # left, right, disparity, disparity of pixels that both camer
     ("image_0", "image_1", "disp_occ", "disp_noc", "calib"),
 )
 SCENEFLOW_FOCAL, SCENEFLOW_SHORT = 1050.0, 450.0  # focal lengths at 960 x 540 [px]
+SCENEFLOW_BASELINE = 0.2  # [m] that its baseline counts as
 MIDDLEBURY_FOLDERS = ("2014", "MiddEval3/trainingF", "MiddEval3/trainingH", "MiddEval3/trainingQ",
                       "trainingF", "trainingH", "trainingQ", ".")  # fmt: skip
 OCCLUDED = 128  # in mask0nocc.png: only the left camera sees it; 255 is both, 0 is unknown
@@ -91,7 +92,7 @@ def sceneflow_rig(calib: Path, left: Path) -> CalibrationReader:
 
     def rig(width: int, height: int) -> Calibration:
         focal = (SCENEFLOW_SHORT if "15mm_focallength" in left.parts else SCENEFLOW_FOCAL) * width / 960
-        return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, 1.0)
+        return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, SCENEFLOW_BASELINE)
 
     return rig
 

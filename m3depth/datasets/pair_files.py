@@ -91,7 +91,10 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
             f"{files.left}: its calibration takes {calibration.shift:g} px out of all disparities, and pairs with true "
             "depth cannot be read so; rectify them with m3depth.rectify --shift 0"
         )
-    rig = calibration.rig(width, height)
+    try:
+        rig = calibration.rig(width, height)
+    except ValueError as error:
+        raise DatasetError(f"{files.left}: {error}") from None
     values = _fitting(files.truth, read_map(files.truth, files.kind, files.unit, files.zero_is_far), left)
     if files.kind == "depth":
         depth, disparity = values, rig.depth_to_disparity(values)
@@ -106,6 +109,8 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
     if files.visible is not None and files.hidden is not None:
         mask = _fitting(files.visible, read_mask_or_map(files.visible), left)
         occluded = files.hidden(mask) & np.isfinite(depth)
+    with np.errstate(invalid="ignore"):  # beyond the left border of the right image, as it is after the next line
+        occluded |= np.isfinite(depth) & (np.arange(width) - disparity < -0.5)
     right = align_right(right, calibration.shift)
     normal = np.zeros((*depth.shape, 3), np.float32)
     if files.normal is not None:

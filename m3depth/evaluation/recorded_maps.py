@@ -14,9 +14,10 @@ is found by its name alone. EXT is the first of these that exists:
     pfm, tiff, tif    float
     png               16 bit, disparity x 256 (KITTI) or depth in mm; 0: none
 
-Values that are negative or not finite are unknown (in depth also 0). NAME_normal.npy, (H, W, 3) in the camera's frame,
-and NAME_confidence.npy, 0 to 1, are read too where they exist beside NAME.EXT; in a folder, normal.npy and
-confidence.npy.
+Negative values and NaN are unknown, in disparity infinite ones too, and in depth 0. A disparity of 0 and an infinite
+depth are sky, but in PFM files, which mark unknown pixels by it, an infinite depth is unknown. NAME_normal.npy,
+(H, W, 3) in the camera's frame, and NAME_confidence.npy, 0 to 1, are read too where they exist beside NAME.EXT; in a
+folder, normal.npy and confidence.npy.
 """
 
 from __future__ import annotations
@@ -139,7 +140,10 @@ class RecordedPredictions:
         scale = self.scale or (PNG_UNIT[self.kind] if path.suffix == ".png" else 1.0)
         values = stored.astype(np.float32) / np.float32(scale)
         with np.errstate(invalid="ignore"):
-            known = np.isfinite(values) & (values > 0 if self.kind == "depth" else values >= 0)
+            if self.kind == "depth":
+                known = (values > 0) & (np.isfinite(values) | (path.suffix != ".pfm"))
+            else:
+                known = np.isfinite(values) & (values >= 0)
         if path.suffix == ".png":
             known &= stored > 0
         values = np.where(known, values, np.float32(np.nan))

@@ -151,7 +151,9 @@ class Scores:
                 by_kind[kind] |= {f"normal_{name}": value for name, value in angular.items()}
         if self.fit:
             from_depth = sample.rig.depth_to_disparity(prediction.depth)  # the images' disparity may have an offset
-            angular = self.fitted.add(fitted_normals(from_depth, sample.rig.camera), pair)["all"]
+            fitted = fitted_normals(from_depth, sample.rig.camera)
+            fitted[np.isnan(prediction.depth)] = np.nan  # no plane is known there
+            angular = self.fitted.add(fitted, pair)["all"]
             by_kind["all"] |= {f"fitted_normal_{name}": value for name, value in angular.items()}
         sky, rocks = SkyCounts(), RockCounts()
         sky.add(prediction.depth, np.asarray(sample.depth))

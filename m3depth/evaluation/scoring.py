@@ -23,6 +23,7 @@ from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import align_rows, columns_in_given_image
 from marssim.base.camera import StereoRig
 from marssim.base.command.signals import stop_on_signal
+from marssim.base.files.json_file import DatasetError
 
 NOT_FIGURES = {"seconds", "kinds", "counts"}  # entries of a method's record of a pair that have no median over images
 RESERVED = ("index", "pair", "scene")  # fields of a pair's record that no method may be called
@@ -95,6 +96,8 @@ class Scoring:
         for name, prediction in example.predictions.items():
             try:
                 record[name] = self._scores[name].add(prediction, pair)
+            except DatasetError as error:
+                raise DatasetError(f"pair {record['pair']}: {error}") from None
             except ValueError as error:
                 raise ValueError(f"{name}, pair {index}: {error}") from None
             if name in costs:

@@ -41,7 +41,7 @@ def depth_range_shown(depth: np.ndarray) -> tuple[float, float]:
     if not finite.size:
         return 1.0, 15.0
     low, high = (float(value) for value in np.percentile(finite, [2, 98]))
-    if high < NARROW * low or low > FARTHEST / NARROW:
+    if high < NARROW * low or low > FARTHEST / NARROW or high <= DEPTH_TICKS[0]:
         return _narrow_range(low, high)
     near = max((tick for tick in DEPTH_TICKS if tick <= low), default=DEPTH_TICKS[0])
     far = min((tick for tick in DEPTH_TICKS if tick >= high), default=FARTHEST)

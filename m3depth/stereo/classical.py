@@ -22,6 +22,7 @@ from m3depth.stereo.window_costs import Cost, semi_global, window_costs, winners
 from marssim.base.camera import StereoRig
 
 MODES = {5: cv2.StereoSGBM_MODE_SGBM, 8: cv2.StereoSGBM_MODE_HH}  # of OpenCV, by the number of directions
+SGBM_REACH = 2032  # [px] largest search of OpenCV, which keeps 16 times the disparity in 16 bits
 WTA_BLOCK, SGM_BLOCK = 9, 5  # default side of BlockMatching's window [px]
 TEXTURE_WINDOW = 9  # side of the window in which texture is measured [px]
 # Penalties of semi-global matching for a disparity change by 1 px and by more, in units of the costs.
@@ -112,6 +113,10 @@ class SGBM(Matcher):
         if left.shape[1] == 1:  # no disparity, and OpenCV refuses such images
             return np.full(left.shape, np.nan, np.float32)
         reach = self.disparities or search_range(rig)
+        if reach > SGBM_REACH:
+            raise ValueError(
+                f"SGBM searches {SGBM_REACH} px at most, and here it would have to search {reach} px: reduce the images"
+            )
         # Without padding OpenCV leaves the first `reach` columns empty. A match inside the padding is discarded below.
         padded = [cv2.copyMakeBorder(image, 0, 0, reach, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
         matcher = cv2.StereoSGBM.create(
@@ -192,8 +197,11 @@ def without_speckles(disparity: np.ndarray, size: int) -> np.ndarray:
     Returns:
         (H, W) float32 [px], NaN where unmatched.
     """
-    fixed = np.where(disparity >= 0.5, np.round(disparity * 16), 0).astype(np.int16)
-    cv2.filterSpeckles(fixed, 0, size, 2 * 16)
+    unit = 16  # of a pixel, as in OpenCV's disparities; a smaller one where these would not fit into 16 bits
+    while unit > 1 and np.nanmax(disparity, initial=0) * unit > np.iinfo(np.int16).max:
+        unit //= 2
+    fixed = np.where(disparity >= 0.5, np.round(disparity * unit), 0).astype(np.int16)
+    cv2.filterSpeckles(fixed, 0, size, 2 * unit)
     return np.where(fixed > 0, disparity, np.float32(np.nan))
 
 

@@ -245,6 +245,13 @@ def test_wrong_flags(tmp_path, images, capsys, flags, says):
     assert says in refused(capsys, *images[:2], *flags, tmp_path / "out")
 
 
+@pytest.mark.parametrize("focal", ["0.006", "1e-5", "1e7"])
+def test_a_focal_length_in_another_unit_is_refused_before_any_work(tmp_path, images, capsys, focal):
+    left, right, calib = images
+    line = refused(capsys, left, right, "--calib", calib, "--focal", focal, tmp_path / "out")
+    assert f"a focal length of {float(focal):g} px makes rectified images of " in line
+
+
 @pytest.mark.usefixtures("undrawn_rows")
 def test_images_that_are_rectified_already_are_refused(tmp_path, images, capsys):
     left, right, calib = images

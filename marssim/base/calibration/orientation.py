@@ -12,6 +12,7 @@ from marssim.base.camera import PinholeCamera
 
 WIDEST = np.deg2rad(70)  # largest angle between a view's edge and the optical axis; tan grows beyond all use there
 LEAST_FOCAL = 0.5  # share of the lenses' focal length that a focal length chosen here has at least
+FIELD = (1.0, 150.0)  # [deg] least and greatest width of a view whose focal length was asked for
 FILLED = 0.98  # share of a view's border that must be visible
 
 
@@ -80,7 +81,7 @@ def rectified_view(
             towards each other need; otherwise both have one.
 
     Raises:
-        ValueError: The cameras do not stand side by side.
+        ValueError: The cameras do not stand side by side, or no lens has such a focal length.
     """
     rotation = common_orientation(pair)
     assert pair.left.size is not None and pair.right.size is not None
@@ -97,6 +98,12 @@ def rectified_view(
         return RectifiedView(rotation, left, right, pair.baseline)
 
     if focal is not None:
+        angle = np.rad2deg(2 * np.arctan2(width / 2, focal))
+        if not FIELD[0] <= angle <= FIELD[1]:
+            raise ValueError(
+                f"a focal length of {focal:g} px makes rectified images of {width} px {angle:.3g} deg wide; "
+                "it is counted in pixels of these images"
+            )
         return view(focal)
     scale = np.sqrt(width * height / (pair.left.size[0] * pair.left.size[1]))
     lens_focal = float(scale * min(pair.left.lens.focal(), pair.right.lens.focal()))

@@ -119,7 +119,8 @@ def align_right(right: np.ndarray, shift: float) -> np.ndarray:
         return right
     move = np.array([[1, 0, -shift], [0, 1, 0]])
     size = (right.shape[1], right.shape[0])
-    return cv2.warpAffine(right, move, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    # not cubic, which moves what the image shows by up to 0.05 px
+    return cv2.warpAffine(right, move, size, flags=cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _from_json(text: str) -> Calibration | None:

@@ -89,7 +89,7 @@ def test_kitti_2012(tmp_path) -> None:
 
 
 def test_sceneflow_without_calibration(tmp_path) -> None:
-    """FlyingThings3D has no VAL: the tenth training scene; and no calibration files: f = 1050 px at 960 px, B = 1."""
+    """FlyingThings3D has no VAL: the tenth training scene; and no calibration files: f is 1050 px at 960 px."""
     for split, count in (("TRAIN", 10), ("TEST", 1)):
         for scene in range(count):
             inside = f"{split}/A/{scene:04d}"
@@ -99,7 +99,7 @@ def test_sceneflow_without_calibration(tmp_path) -> None:
     lengths = {split: len(open_pairs(tmp_path, split)) for split in ("train", "val", "test", "all")}
     assert lengths == {"train": 9, "val": 1, "test": 1, "all": 11}
     sample = open_pairs(tmp_path, "test")[0]
-    assert sample.rig.camera.fx == pytest.approx(1050 * W / 960) and sample.rig.baseline == 1
+    assert sample.rig.camera.fx == pytest.approx(1050 * W / 960) and sample.rig.baseline == 0.2
     inside = "15mm_focallength/scene_forwards/fast"
     for eye in ("left", "right"):
         put(tmp_path / "driving" / "frames_cleanpass" / inside / eye / "0001.png", image())
@@ -122,6 +122,9 @@ def test_middlebury_moves_the_right_eye_by_doffs(tmp_path) -> None:
     np.testing.assert_allclose(sample.depth[1:], 50 * 0.27 / (truth[1:] + 3), rtol=1e-5)
     np.testing.assert_allclose(sample.disparity[1:], truth[1:] + 3, rtol=1e-5)
     np.testing.assert_array_equal(sample.right[:, :-3], right[:, 3:, ::-1])  # moved to the left by 3 px
+    outside = np.arange(W) < sample.disparity - 0.5  # the match of these is not in the right image as it is now
+    assert outside.any() and not outside.all()
+    np.testing.assert_array_equal(sample.occluded, outside)
 
 
 def test_a_right_image_that_would_be_moved_out_of_view_is_refused(tmp_path) -> None:

@@ -209,3 +209,24 @@ def test_the_truth_as_a_file_scores_perfectly(tmp_path, plane_samples):
     assert recorded["depth"]["all"]["pooled"]["abs_rel"] == pytest.approx(0, abs=1e-6)
     assert recorded["normal"]["all"]["pooled"]["mean"] == pytest.approx(0, abs=1e-3)
     assert recorded["seconds"] is None and recorded["memory_mib"] is None and recorded["sparsification"] == {}
+
+
+@pytest.mark.parametrize("fill", [False, True])
+def test_sky_is_sky_in_disparity_and_in_depth(tmp_path, fill):
+    disparity = DISPARITY.copy()
+    disparity[:3], disparity[5, 4:9] = 0, np.nan
+    put(tmp_path / "disparity/00003_05.npy", disparity)
+    with np.errstate(divide="ignore"):
+        put(tmp_path / "depth/00003_05.npy", np.where(disparity == 0, np.inf, RIG.fb / disparity))
+    of_disparity, of_depth = (
+        RecordedPredictions(tmp_path / kind, kind, fill=fill).read(PAIR, NUMBER, RIG) for kind in ("disparity", "depth")
+    )
+    assert np.isposinf(of_depth.depth[:3]).all() and (of_depth.disparity[:3] == 0).all()
+    assert np.isnan(of_depth.depth).any() != fill
+    np.testing.assert_allclose(of_depth.depth, of_disparity.depth, rtol=1e-5)
+    np.testing.assert_allclose(of_depth.disparity, of_disparity.disparity, rtol=1e-5)
+
+
+def test_an_infinite_depth_is_unknown_in_a_pfm_file(tmp_path):
+    put(tmp_path / "00003_05.pfm", np.full((H, W), np.inf, np.float32))
+    assert np.isnan(RecordedPredictions(tmp_path, "depth").read(PAIR, NUMBER, RIG).depth).all()

@@ -12,6 +12,7 @@ from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.evaluation.scoring import evaluate
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
+from marssim.base.files.json_file import DatasetError
 
 
 def truth(sample, **changes) -> Prediction:
@@ -110,3 +111,29 @@ def test_a_pair_reports_its_figures_by_kind_and_its_counts():
     assert record["counts"]["sky"]["pixels"] == result["sky"]["pixels"] == np.isinf(sample.depth).sum()
     (rock,) = record["counts"]["rocks"]["rocks"]
     assert rock.found and record["counts"]["rocks"]["images"] == 1
+
+
+def test_pixels_without_depth_have_no_fitted_normal_either(plane_samples):
+    sample = plane_samples[0]
+    for left_out in (slice(0, 0), slice(0, 40), slice(None)):
+        depth, disparity = sample.depth.copy(), sample.disparity.copy()
+        depth[left_out] = disparity[left_out] = np.nan
+        figures = scored(sample, truth(sample, depth=depth, disparity=disparity))["fitted_normal"]["all"]["pooled"]
+        share = np.isnan(depth)[sample.valid].mean()
+        assert figures["mean"] == pytest.approx(180 * share, abs=2)
+
+
+def test_ids_of_surfaces_that_cannot_be_used_stay_an_error_of_the_dataset(plane_samples):
+    sample = replace(plane_samples[0], meta={**plane_samples[0].meta, "surface_ids": {"slabs": [1]}})
+    with pytest.raises(DatasetError, match="surface_ids"):
+        evaluate([sample], {"true": Truthful(sample)})
+
+
+class Truthful:
+    """Returns the truth of a sample."""
+
+    def __init__(self, sample):
+        self.sample = sample
+
+    def infer(self, left, right, rig):
+        return truth(self.sample)

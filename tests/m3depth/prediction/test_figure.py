@@ -44,6 +44,8 @@ def test_the_scale_spans_what_the_map_shows():
     assert depth_range_shown(np.linspace(12, 80, 1000)) == (10, 100)
     assert depth_range_shown(np.linspace(20, 900, 1000))[1] == 300
     assert depth_range_shown(np.full((3, 3), np.nan)) == (1, 15)
+    near, far = depth_range_shown(np.linspace(0.011, 0.049, 1000))
+    assert 0 < near < 0.013 and 0.048 < far < 0.06
     assert depth_range_shown(np.full((3, 3), 2.0)) == (1.9, 2.1)
     assert depth_range_shown(np.linspace(1.19, 1.3, 1000)) == (1.1, 1.4)  # not 1 to 2 m, of one colour
 

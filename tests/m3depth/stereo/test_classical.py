@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from m3depth.evaluation.metrics import angle_between
-from m3depth.stereo.classical import SGBM, BlockMatching, search_range
+from m3depth.stereo.classical import SGBM, BlockMatching, search_range, without_speckles
 from m3depth.stereo.plane_normals import fitted_normals
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 
@@ -187,3 +187,18 @@ def test_wrong_input_is_refused_by_name():
                 matcher(disparities=disparities)
     with pytest.raises(ValueError, match="cost"):
         BlockMatching("census")
+
+
+def test_disparities_that_do_not_fit_into_16_bits_in_sixteenths_are_kept():
+    disparity = np.full((60, 60), 3000.3, np.float32)
+    disparity[20:24, 20:24] = 2500.0  # an island
+    kept = without_speckles(disparity, 30)
+    assert np.isnan(kept[20:24, 20:24]).all() and np.isfinite(kept).sum() == 60 * 60 - 16
+    assert np.nanmax(kept) == np.float32(3000.3)
+
+
+def test_a_search_that_sgbm_cannot_make_is_refused():
+    rig = StereoRig(PinholeCamera.centred(2400, 20, 4400.0), 0.45)
+    image = np.zeros((20, 2400), np.uint8)
+    with pytest.raises(ValueError, match="SGBM searches 2032 px at most, and here it would have to search 2368 px"):
+        SGBM().infer(image, image, rig)

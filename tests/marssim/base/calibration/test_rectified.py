@@ -244,3 +244,13 @@ def test_a_binary_file_is_refused_as_calibration(tmp_path):
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\xff\xfe")
     with pytest.raises(ValueError, match=r"image\.png: is not a text file [^\n]*, as a calibration file is$"):
         read_calibration(tmp_path / "image.png")
+
+
+@pytest.mark.parametrize("shift", [0.25, 0.5, 3.75])
+def test_a_right_eye_that_is_moved_by_a_part_of_a_pixel_shows_what_it_should(shift):
+    """A wave along the rows, whose phase tells by how much it was moved."""
+    columns, turn = np.arange(400.0), 2 * np.pi / 16
+    wave = np.broadcast_to(128 + 100 * np.sin(turn * columns), (5, 400)).round().astype(np.uint8)
+    moved = align_right(wave, shift)[2, 40:-40].astype(float)
+    phase = np.angle((moved * np.exp(-1j * turn * columns[40:-40])).sum()) + np.pi / 2
+    assert phase / turn == pytest.approx(shift, abs=0.02)
