@@ -38,6 +38,7 @@ AUTO: Final = "auto"
 TINY: Final = "tiny"
 EGL: Final = "egl"
 MOST_PAIRS = 10_000_000  # pairs in a dataset; their names alone fill a GB
+LONGEST_DRIVE = 10_000  # pairs of a drive, whose path is drawn before the first one and takes seconds then
 MOST_PIXELS = 2**30  # pixels of an image that OpenCV still reads from a file
 MIXTURE = 0x6D69786564  # separates the draw of the places from all other draws of a seed
 
@@ -80,6 +81,8 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_least(self, pairs=1, workers=1, views_per_scene=1, seed=0)
+        if self.trajectory and self.views_per_scene > LONGEST_DRIVE:
+            raise ValueError(f"views_per_scene must be at most {LONGEST_DRIVE} in a drive, got {self.views_per_scene}")
         if self.pairs > MOST_PAIRS:
             raise ValueError(f"pairs must be at most {MOST_PAIRS}, got {self.pairs}")
         if self.rasterizer != AUTO and self.renderer != "pybullet":
@@ -129,8 +132,8 @@ class GenerateConfig(RunConfig):
     def content(self) -> dict[str, Any]:
         """Return all settings on which the content of a sample depends, as plain values for JSON.
 
-        The folder, the number of pairs and the workers are not among them. A heightmap counts by its SHA-256 and not by
-        its path, and the version of marssim counts too.
+        The folder, the number of pairs and the workers are not among them. A heightmap counts by its SHA-256 and its
+        name, which samples record, and not by its folder. The version of marssim counts too.
         """
         left_out = ("out", "pairs", "workers", "scheduler", "rig", "scenes", "raw", "raw_rig", "rig_file")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left_out}
@@ -146,7 +149,8 @@ class GenerateConfig(RunConfig):
             del content["rasterizer"]
         scenes = [asdict(scene) for scene in self.scenes]  # in the order that they are drawn from
         for scene in scenes:
-            del scene["relief"]["heightmap"]
+            if scene["relief"]["heightmap"] is not None:
+                scene["relief"]["heightmap"] = Path(scene["relief"]["heightmap"]).name
         return {"marssim": VERSION, **content, "scene": self.place, "scenes": scenes, "rig": self.rig.to_dict()}
 
     def scene_config(self, scene: int) -> SceneConfig:

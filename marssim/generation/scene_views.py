@@ -18,9 +18,9 @@ from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.own_rover import draw_pan, rover_below
+from marssim.scene.own_rover import draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.scene import Scene, build_scene
-from marssim.scene.trajectory import TRAJECTORY, draw_trajectory, tum_lines
+from marssim.scene.trajectory import TRAJECTORY, Mast, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
 ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from all other draws of a view
@@ -95,9 +95,9 @@ def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[
         The sensor, one for the whole drive, and the poses (views_per_scene, 4, 4), left camera to world; see
         draw_trajectory.
     """
-    rng = np.random.default_rng((config.seed, scene_index, 0))
+    rng, mast = np.random.default_rng((config.seed, scene_index, 0)), _mast(config, scene_index, 0)
     sensor = Sensor.draw(config.sensor, rng)
-    return sensor, draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng)
+    return sensor, draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng, mast)
 
 
 def draw_view(
@@ -117,8 +117,10 @@ def draw_view(
     Raises:
         ValueError: Rocks leave the camera no place to stand.
     """
-    rng = _rng_of(config, scene_index, view)
-    return draw_pose(scene, config.view, rng), rng
+    rng, mast = _rng_of(config, scene_index, view), _mast(config, scene_index, view)
+    if mast is None:
+        return draw_pose(scene, config.view, rng), rng
+    return draw_pose_of_rover(scene, config.view, rng, mast), rng
 
 
 def draw_rover(config: GenerateConfig, scene_index: int, view: int) -> float | None:
@@ -131,6 +133,11 @@ def draw_rover(config: GenerateConfig, scene_index: int, view: int) -> float | N
     """
     first = 0 if config.trajectory else 1 + view
     return draw_pan(config.view, np.random.default_rng((config.seed, scene_index, first, ROVER_DRAWS)))
+
+
+def _mast(config: GenerateConfig, scene_index: int, view: int) -> Mast | None:
+    pan = draw_rover(config, scene_index, view)
+    return None if pan is None else Mast(config.rig.baseline, pan)
 
 
 def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Generator:

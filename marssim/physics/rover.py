@@ -12,7 +12,7 @@ from marssim.physics.body import Part, rover_parts
 from marssim.physics.kinematics import settle
 from marssim.physics.linkage import SIDES, WHEELS, Joints
 from marssim.physics.soil.bullet_forces import SoilForces
-from marssim.physics.soil.soil_map import GroundName
+from marssim.physics.soil.soil_map import GroundName, check_ground
 from marssim.physics.state import Contacts, RoverState, state_of
 from marssim.physics.urdf import chassis_middle, rover_urdf
 from marssim.physics.world import PhysicsWorld
@@ -41,8 +41,11 @@ class Rover:
                 soils, or on the soil of this name everywhere.
 
         Raises:
-            ValueError: The place is outside the fine square. Nothing has been added to the world then.
+            ValueError: The place is outside the fine square, or there is no such ground. Nothing has been added to the
+                world then.
         """
+        if ground is not None:
+            check_ground(ground)
         self.world, self.spec = world, world.spec
         self._p, self._client = world.bullet, world.client
         self._contacts = Contacts()

@@ -45,7 +45,7 @@ class SlippingRover(KinematicRover):
             ground: "scene" for the scene's own soils, or the soil that lies everywhere instead.
 
         Raises:
-            ValueError: The place is outside the finely gridded square.
+            ValueError: The place is outside the finely gridded square, or there is no such ground.
         """
         super().__init__(scene, spec, x, y, yaw, support)
         self._traction = Traction(scene, spec, self.support, ground)

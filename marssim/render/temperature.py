@@ -32,19 +32,25 @@ def at_temperature(config: SensorConfig, kelvin: float, rig: StereoRig) -> Senso
         rig: The two cameras. The turns are angles, so that they are fewer pixels in smaller images.
 
     Raises:
-        ValueError: The temperature is more than 100 K off.
+        ValueError: The temperature is more than 100 K off, or moves the right image by more pixels than can be
+            simulated, as in images of several thousand pixels.
     """
     if not abs(kelvin) <= MOST_KELVIN:
         raise ValueError(f"temperature must lie in [-{MOST_KELVIN:g}, {MOST_KELVIN:g}] K, got {kelvin}")
     if not kelvin:
         return config
-    camera = rig.camera
-    return replace(
-        config,
-        vertical_offset=_moved(config.vertical_offset, kelvin * PITCH_PER_KELVIN * camera.fy),
-        horizontal_offset=_moved(config.horizontal_offset, kelvin * YAW_PER_KELVIN * camera.fx),
-        gain_difference=_moved(config.gain_difference, kelvin * GAIN_PER_KELVIN),
-    )
+    rows, columns = kelvin * PITCH_PER_KELVIN * rig.camera.fy, kelvin * YAW_PER_KELVIN * rig.camera.fx
+    try:
+        return replace(
+            config,
+            vertical_offset=_moved(config.vertical_offset, rows),
+            horizontal_offset=_moved(config.horizontal_offset, columns),
+            gain_difference=_moved(config.gain_difference, kelvin * GAIN_PER_KELVIN),
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"a temperature of {kelvin:g} K moves the right image by {rows:.2f} rows and {columns:.2f} columns: {error}"
+        ) from None
 
 
 def _moved(ends: Range, by: float) -> Range:

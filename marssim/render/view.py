@@ -26,12 +26,21 @@ from marssim.render.renderers.by_name import RendererName, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.own_rover import draw_pan, rover_below
+from marssim.scene.own_rover import draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.scene import Scene
+from marssim.scene.trajectory import Mast
 from marssim.scene.viewpoint import ViewConfig, draw_pose, pose_on_ground
 
 PITCH_DEG = 20.0  # [deg] how far NaTeCam looks down on the rover's mast
+ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from those of a scene that is drawn from the same seed
 HEIGHT = 1.2  # [m] height of NaTeCam above the ground
+
+
+def _of_rover(rng: np.random.Generator) -> np.random.Generator:
+    """Return a generator of the rover's draws, which spawns from a generator of a frame's draws."""
+    spawned = rng.spawn(1)[0].bit_generator.seed_seq
+    assert isinstance(spawned, np.random.SeedSequence)
+    return np.random.default_rng(np.random.SeedSequence(spawned.entropy, spawn_key=(*spawned.spawn_key, ROVER_DRAWS)))
 
 
 class SceneRenderer:
@@ -139,9 +148,12 @@ class SceneRenderer:
         """
         rng = np.random.default_rng(rng)
         view = view or ViewConfig()
-        pose = draw_pose(self.scene, view, rng)
+        pan = draw_pan(view, _of_rover(rng))
+        if pan is None:
+            pose = draw_pose(self.scene, view, rng)
+        else:
+            pose = draw_pose_of_rover(self.scene, view, rng, Mast(self.rig.baseline, pan))
         drawn = Sensor.draw(sensor or SensorConfig(), rng)
-        pan = draw_pan(view, rng.spawn(1)[0])
         return self.render_from(pose, drawn, rng, None if pan is None else float(np.rad2deg(pan)))
 
     def close(self) -> None:

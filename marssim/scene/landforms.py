@@ -143,7 +143,8 @@ def _wave_train(n: int, cell: float, wavelength: float, wind: float, rng: np.ran
     along, across = np.cos(wind) * kx + np.sin(wind) * ky, np.cos(wind) * ky - np.sin(wind) * kx
     band = np.exp(-0.5 * (((along - 1) / 0.13) ** 2 + (across / 0.2) ** 2))
     # white noise is white in the Fourier domain too, so it is drawn there
-    row, column = np.flatnonzero(band.max(axis=1) > 1e-4), np.flatnonzero(band.max(axis=0) > 1e-4)
+    least = min(1e-4, 0.5 * float(band.max()))  # of a wave that is long for the square, one node at least
+    row, column = np.flatnonzero(band.max(axis=1) > least), np.flatnonzero(band.max(axis=0) > least)
     # in double precision: functions of single precision differ between processors in their fifth digit
     wave = np.zeros((n, n), dtype=np.complex128)
     drawn = rng.standard_normal((len(row), len(column), 2)) @ (1, 1j)

@@ -6,8 +6,8 @@ import numpy as np
 
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.scene import Scene
-from marssim.scene.trajectory import stand_on
-from marssim.scene.viewpoint import ViewConfig
+from marssim.scene.trajectory import Mast, obstacle_discs, stand_on
+from marssim.scene.viewpoint import TRIES, ViewConfig, draw_pose
 
 
 def draw_pan(view: ViewConfig, rng: np.random.Generator) -> float | None:
@@ -23,6 +23,44 @@ def draw_pan(view: ViewConfig, rng: np.random.Generator) -> float | None:
     present = rng.random() < rng.uniform(*view.rover)
     pan = float(np.deg2rad(rng.uniform(*view.rover_pan_deg)))
     return pan if present else None
+
+
+def draw_pose_of_rover(
+    scene: Scene, view: ViewConfig, rng: np.random.Generator, mast: Mast, rover: RoverSpec = ZHURONG
+) -> np.ndarray:
+    """Draw the pose of a left camera, as draw_pose does, whose rover stands free of what it cannot drive over.
+
+    Args:
+        scene: The scene.
+        view: Ranges of the camera's height and angles.
+        rng: Random generator.
+        mast: Where the rover has the camera.
+        rover: The rover.
+
+    Returns:
+        (4, 4) camera to world.
+
+    Raises:
+        ValueError: No such place was found.
+    """
+    obstacles = obstacle_discs(scene)
+    for _ in range(TRIES):
+        pose = draw_pose(scene, view, rng)
+        if _stands_free(obstacles, rover_below(scene, pose, mast.baseline, mast.pan, rover), rover):
+            return pose
+    raise ValueError(
+        f"scene {scene.config.preset}: in {TRIES} tries no place was found where the rover touches no rock; choose a "
+        "smaller `rocks.k`"
+    )
+
+
+def _stands_free(obstacles: np.ndarray, body: np.ndarray, rover: RoverSpec) -> bool:
+    """Return whether no disc (M, 3) x, y, radius [m] reaches into the footprint of a rover at a pose (4, 4)."""
+    offset = obstacles[:, :2] - body[:2, 3]
+    forward = body[:2, 0] / np.hypot(*body[:2, 0])
+    ahead, left = offset @ forward, offset @ np.array([-forward[1], forward[0]])
+    outside = np.maximum(np.abs(ahead) - rover.length / 2, 0), np.maximum(np.abs(left) - rover.width / 2, 0)
+    return bool((np.hypot(*outside) > obstacles[:, 2]).all())
 
 
 def rover_below(

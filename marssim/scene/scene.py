@@ -23,8 +23,9 @@ from marssim.scene.rocks.mesh import Rocks, build_rocks, joined_bodies
 from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig
 from marssim.scene.terrain import ReliefConfig, Terrain, build_terrain
 
+LARGEST = 400.0  # [m] side of the fine square: maps of its sand and steep ground, with cells of 5 cm, fill some 5 GB
 # [m] At a horizon of 500 m the farthest corner is less than 1000 m away, the largest depth that a dataset can store.
-SCENE_LIMITS = {"size": (1.0, 1000.0), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}
+SCENE_LIMITS = {"size": (1.0, LARGEST), "cell": (0.01, 1.0), "horizon": (1.0, 500.0)}
 MAX_BEDROCK = 12_000  # most slabs, beds and blocks of ledges in a scene
 MAX_PLATES = MAX_BODIES - MAX_ROCKS  # most of these and chips; chips have what bedrock leaves, and fragments the rest
 MOST_CELLS = 5000  # along the side of the fine square: its 50 million triangles fill several GB
@@ -45,7 +46,7 @@ class SceneConfig:
     look: LookConfig = field(default_factory=LookConfig)
     """The light and the surface."""
     size: float = 32.0
-    """Side of the square in the middle of the scene that has the fine grid [m], 1 to 1000, less than twice --horizon
+    """Side of the square in the middle of the scene that has the fine grid [m], 1 to 400, less than twice --horizon
     and at most 5000 times --cell. The cameras stand in it. It is rounded up to an even number of metres: 7 becomes
     8."""
     cell: float = 0.08

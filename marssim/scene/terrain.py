@@ -203,7 +203,10 @@ def build_terrain(
         weight = edge * edge * (3 - 2 * edge)
         below = coarse_grid.smooth_heights(px, py)
         blended[part] = weight * fine[part] + (1 - weight) * below
-    offset = float(blended[n_fine // 2, n_fine // 2])
+    if n_fine % 2:
+        offset = float(blended[n_fine // 2, n_fine // 2])
+    else:  # the origin lies in the middle of a cell
+        offset = float(HeightGrid(blended, -half, -half, x[1] - x[0]).gradient_at(np.array(0.0), np.array(0.0))[0])
     return Terrain(
         fine=HeightGrid(blended - offset, -half, -half, x[1] - x[0]),
         coarse=HeightGrid(coarse - offset, -far, -far, COARSE_CELL),

@@ -22,7 +22,21 @@ MAX_CHANGE = 0.8  # [1/m2] change of the curvature along the path, which keeps t
 CHOICES = np.linspace(-MAX_CURVATURE, MAX_CURVATURE, 11)  # [1/m] curvatures to choose from
 AHEAD = 5.0  # [m] distance to look ahead, enough to turn away from any obstacle
 STEEP_CELL = 0.2  # [m] grid on which steep ground is looked for
+TESTED = 0.05  # [m] about the distance of the places ahead that are tested, where strides are shorter
 LONGEST_STRIDE = 0.2  # [m] largest distance between two choices of the curvature
+
+
+@dataclass(frozen=True)
+class Mast:
+    """The mast of a rover that is in view.
+
+    Attributes:
+        baseline: Distance between its cameras [m].
+        pan: How far it is turned from where the rover heads [rad], positive to the left.
+    """
+
+    baseline: float
+    pan: float
 
 
 @dataclass(frozen=True)
@@ -32,25 +46,26 @@ class TrajectoryConfig:
     step: float = 0.4
     """Distance between two stereo pairs of a drive [m], 0.001 to 5. It needs --trajectory."""
     speed: float = 0.056
-    """Speed of the rover [m/s], above 0 and up to 10, which determines the time stamps of a drive. It needs
-    --trajectory."""
+    """Speed of the rover [m/s], 0.0001 to 10, which determines the time stamps of a drive. It needs --trajectory."""
 
     def __post_init__(self) -> None:
         if not 0.001 <= self.step <= 5:
             raise ValueError(f"step must lie in [0.001, 5] m, got {self.step}")
-        if not 0 < self.speed <= 10:
-            raise ValueError(f"speed must be above 0 and up to 10 m/s, got {self.speed:g}")
+        if not 0.0001 <= self.speed <= 10:
+            raise ValueError(f"speed must lie in [0.0001, 10] m/s, got {self.speed:g}")
 
 
 def draw_trajectory(
-    scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator
-) -> np.ndarray:
+    scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator,
+    mast: Mast | None = None,
+) -> np.ndarray:  # fmt: skip
     """Draw the camera's poses along a smooth path past the rocks, in the middle of the scene.
 
     From pose to pose, the rover's middle moves `config.step` along the path, measured on the map. It keeps half the
     rover's width from all that obstacle rocks show above ground, and from steep ground. The rover stands on the plane
     that fits the ground under its wheels. The camera's height and pitch are drawn once and hold relative to that plane,
-    so the ground's slope adds to pitch and roll in the world. view.roll_deg is not used.
+    so the ground's slope adds to pitch and roll in the world. view.roll_deg is not used. Without a mast, the camera is
+    above the rover's middle and looks ahead.
 
     Args:
         scene: The scene.
@@ -58,6 +73,7 @@ def draw_trajectory(
         config: Distance between two poses.
         count: Number of poses.
         rng: Random generator.
+        mast: Where the rover has the camera, if it is in view; its pan is held over the drive.
 
     Returns:
         (count, 4, 4) left camera to world.
@@ -67,12 +83,16 @@ def draw_trajectory(
     """
     height, pitch = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.pitch_deg))
     strides = int(np.ceil(config.step / LONGEST_STRIDE))
-    obstacles = _obstacles(scene)
+    obstacles = obstacle_discs(scene)
+    eye = look_pose(np.array([0, 0, height]), 0.0, pitch)
+    if mast is not None:
+        x, y = ZHURONG.mount.left_eye(mast.baseline, mast.pan)[:2, 3]
+        eye = look_pose(np.array([x, y, height]), mast.pan, pitch)
     for _ in range(TRIES):
         path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng)
         if path is not None:
             bodies = [stand_on(scene, *state) for state in path[::strides]]
-            return np.stack([body @ look_pose(np.array([0, 0, height]), 0.0, pitch) for body in bodies])
+            return np.stack([body @ eye for body in bodies])
     raise ValueError(
         f"scene {scene.config.preset}: in {TRIES} tries no path of {(count - 1) * config.step:g} m past the rocks and "
         f"steep ground was found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"
@@ -137,22 +157,24 @@ def _draw_path(
         return None
     turn, path = 0.0, [(x, y, yaw)]
     ahead = max(1, int(np.ceil(AHEAD / stride)))
+    every = max(1, int(TESTED / stride))  # of the places ahead that are tested
     for n in range(strides):
         preferred = MAX_CURVATURE * np.sin(waves[0] * n * stride + waves[1]).mean()
         px, py = np.full(len(CHOICES), x), np.full(len(CHOICES), y)
         heading, curvature = np.full(len(CHOICES), yaw), np.full(len(CHOICES), turn)
         points = []
-        for _ in range(ahead):
+        for place in range(ahead):
             change = MAX_CHANGE * stride
             curvature = curvature + np.clip(CHOICES - curvature, -change, change)
             heading = heading + curvature * stride
             px, py = px + stride * np.cos(heading), py + stride * np.sin(heading)
-            points.append((px, py))
-            if len(points) == 1:
+            if place % every == 0:
+                points.append((px, py))
+            if place == 0:
                 first = heading, curvature
         xs, ys = (np.array(axis) for axis in zip(*points))
         free = _free(obstacles, xs, ys) & (np.maximum(np.abs(xs), np.abs(ys)) <= reach)
-        length = np.where(free.all(axis=0), ahead, free.argmin(axis=0))
+        length = np.where(free.all(axis=0), len(points), free.argmin(axis=0))
         if length.max() == 0:
             return None
         best = int(np.argmin(np.where(length == length.max(), np.abs(CHOICES - preferred), np.inf)))
@@ -161,7 +183,7 @@ def _draw_path(
     return path
 
 
-def _obstacles(scene: Scene) -> np.ndarray:
+def obstacle_discs(scene: Scene) -> np.ndarray:
     """Return (M, 3) x, y and radius [m] of discs on the bodies and the ground that the rover cannot drive over."""
     tall = np.flatnonzero(scene.bodies.height > ZHURONG.obstacle_height)
     reach = reach_above_ground(scene.bodies, tall, scene.terrain.height_at)

@@ -44,8 +44,7 @@ class SoilMap:
         Raises:
             ValueError: If there is no such ground.
         """
-        if ground not in GROUND_NAMES:
-            raise ValueError(f"ground {ground!r} is unknown; choose from {', '.join(GROUND_NAMES)}")
+        check_ground(ground)
         if ground != "scene":
             only = np.array([float(name == ground) for name in SOIL_NAMES])
             return cls(np.broadcast_to(only, (2, 2, len(only))), 0.0)
@@ -67,6 +66,12 @@ class SoilMap:
         low = self.shares[j, i] * (1 - s) + self.shares[j, i + 1] * s
         high = self.shares[j + 1, i] * (1 - s) + self.shares[j + 1, i + 1] * s
         return low * (1 - t) + high * t
+
+
+def check_ground(ground: str) -> None:
+    """Raise ValueError if there is no ground of this name."""
+    if ground not in GROUND_NAMES:
+        raise ValueError(f"ground {ground!r} is unknown; choose from {', '.join(GROUND_NAMES)}")
 
 
 def on_rock(support: SupportMap, x: np.ndarray, y: np.ndarray) -> np.ndarray:

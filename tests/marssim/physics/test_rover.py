@@ -149,6 +149,8 @@ def test_a_rover_outside_is_refused_and_leaves_nothing_behind(make_scene):
         bodies = world.bullet.getNumBodies(physicsClientId=world.client)
         with pytest.raises(ValueError, match="outside"):
             Rover(world, 3.0, 0.0, 0.0)
+        with pytest.raises(ValueError, match="ground 'mud' is unknown"):
+            Rover(world, 0.0, 0.0, 0.0, "mud")
         assert world.bullet.getNumBodies(physicsClientId=world.client) == bodies
         world.step(0.1)
 

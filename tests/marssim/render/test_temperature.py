@@ -34,3 +34,8 @@ def test_the_temperature_of_calibration_changes_nothing():
 def test_a_temperature_beyond_the_limits_is_refused():
     with pytest.raises(ValueError, match=r"temperature must lie in \[-100, 100\] K, got 101"):
         at_temperature(SensorConfig(), 101, NATECAM)
+
+
+def test_a_rig_of_many_pixels_names_the_temperature_that_moves_its_image_too_far():
+    with pytest.raises(ValueError, match=r"a temperature of 100 K moves the right image by 11.* rows and .*10, got"):
+        at_temperature(SensorConfig(), 100.0, NATECAM.resized(4096, 4096))

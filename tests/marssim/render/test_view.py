@@ -8,7 +8,7 @@ from marssim.base.dataset.frame import StereoFrame
 from marssim.generation import scene_views
 from marssim.generation.config import GenerateConfig
 from marssim.render.sensor import Sensor
-from marssim.render.view import SceneRenderer, render_view
+from marssim.render.view import SceneRenderer, _of_rover, render_view
 from marssim.scene.presets import preset
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import build_scene
@@ -123,3 +123,12 @@ def test_a_seed_builds_the_scene_of_its_generator():
     one, other = build_scene(config, 3), build_scene(config, np.random.default_rng(3))
     assert np.array_equal(one.terrain.fine.heights, other.terrain.fine.heights)
     assert np.array_equal(one.look.sun, other.look.sun)
+
+
+def test_the_rovers_draws_are_not_those_of_a_scene_of_the_same_seed():
+    """A scene spawns its generators from its seed, as the draws of a frame do."""
+    of_scene = [rng.random() for rng in np.random.default_rng(7).spawn(8)]
+    frame = np.random.default_rng(7)
+    of_rover = [_of_rover(frame).random() for _ in range(8)]
+    assert len({*of_scene, *of_rover}) == 16
+    assert of_rover[0] == _of_rover(np.random.default_rng(7)).random()

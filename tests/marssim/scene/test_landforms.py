@@ -97,3 +97,11 @@ def test_ripples_cover_their_share(cover):
 def test_ripples_that_a_grid_cannot_show_are_left_out():
     assert not ripples(ReliefConfig(ripple_wavelength=0.5), 64, 0.2, np.random.default_rng(0)).any()
     assert not ripples(ReliefConfig(ripple_cover=0.0), 64, 0.1, np.random.default_rng(0)).any()
+
+
+@pytest.mark.parametrize(("size", "wavelength"), [(8.0, 12.0), (8.0, 50.0), (16.0, 28.0)])
+def test_ripples_that_are_long_for_the_square_are_still_ripples(size, wavelength):
+    config = ReliefConfig(ripple_wavelength=wavelength, ripple_amplitude=0.02, ripple_cover=1.0)
+    for seed in range(10):
+        h = ripples(config, round(size / 0.08) + 1, 0.08, np.random.default_rng(seed))
+        assert np.isfinite(h).all() and 0.004 < np.ptp(h) < 0.08

@@ -2,16 +2,18 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from marssim.base.rover_spec import ZHURONG
-from marssim.scene.own_rover import draw_pan, rover_below
+from marssim.scene.own_rover import draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
+from marssim.scene.trajectory import Mast
 from marssim.scene.viewpoint import ViewConfig, pose_on_ground
 
 SCENE = build_scene(SceneConfig(size=10.0, horizon=20.0, rocks=RockConfig(k=0.05)), np.random.default_rng(1))
+ROCKY = build_scene(SceneConfig(size=16.0, horizon=20.0, rocks=RockConfig(k=0.2)), np.random.default_rng(2))
 
 
 @given(st.floats(-3, 3), st.floats(0, 6.2), st.floats(-0.2, 1.2), st.floats(-3.1, 3.1), st.floats(-0.3, 0.3))
@@ -53,3 +55,18 @@ def test_impossible_ranges_are_refused_in_one_line(values, message):
     with pytest.raises(ValueError) as caught:
         ViewConfig(**values)
     assert str(caught.value).startswith(message) and "\n" not in str(caught.value)
+
+
+@given(st.integers(0, 10_000), st.floats(-3, 3))
+@settings(max_examples=15)
+def test_a_rover_that_is_drawn_stands_in_no_rock(seed, pan):
+    pose = draw_pose_of_rover(ROCKY, ViewConfig(), np.random.default_rng(seed), Mast(0.27, pan))
+    body = rover_below(ROCKY, pose, 0.27, pan)
+    tall = ROCKY.bodies.height[ROCKY.bodies.face_rock] > ZHURONG.obstacle_height
+    corners = ROCKY.bodies.vertices[np.unique(ROCKY.bodies.faces[tall])]
+    corners = corners[corners[:, 2] > ROCKY.terrain.height_at(corners[:, 0], corners[:, 1])]
+    assert len(corners) > 100
+    forward = body[:2, 0] / np.hypot(*body[:2, 0])
+    offset = corners[:, :2] - body[:2, 3]
+    ahead, left = offset @ forward, offset @ [-forward[1], forward[0]]
+    assert not ((np.abs(ahead) < ZHURONG.length / 2) & (np.abs(left) < ZHURONG.width / 2)).any()

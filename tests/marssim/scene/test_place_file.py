@@ -75,7 +75,7 @@ def test_what_a_dataset_notes_of_a_scene_is_a_place(place_file):
         ({"rocks": {"families": [1, 2]}}, "rocks.families must be a list of 3 numbers, got [1, 2]"),
         ({"rocks": 3}, "rocks must be a JSON object, got 3"),
         ({"look": {"pebbles": [0.5, 0.1]}}, "look.pebbles must be a range LOW HIGH within 0 and 1, got 0.5 0.1"),
-        ({"size": 3000}, "size must lie in [1, 1000] m, got 3000"),
+        ({"size": 3000}, "size must lie in [1, 400] m, got 3000"),
         ({"size": 30, "horizon": 10}, "size must be more than cell, 0.08 m, and less than twice horizon, 10 m"),
         ({"relief": {"heightmap_at": 5}}, "relief.heightmap_at must be a list of 2 numbers or null, got 5"),
         ({"relief": {"heightmap": 5}}, "relief.heightmap must be a text or null, got 5"),

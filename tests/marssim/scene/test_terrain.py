@@ -194,3 +194,9 @@ def test_sampling_is_cubic_convolution_as_opencv_computes_it():
     expected = cv2.remap(heights.astype(np.float32), column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     assert np.allclose(_sampled(heights, at), expected, atol=1e-5)
     assert np.array_equal(_sampled(heights, np.arange(12.0)), heights)
+
+
+@pytest.mark.parametrize("cell", [0.08, 0.09, 0.3])
+def test_the_origin_lies_on_the_ground_also_in_the_middle_of_a_cell(cell):
+    terrain = build_terrain(ReliefConfig(regional_slope_deg=20.0), 8.0, cell, 16.0, np.random.default_rng(0))
+    assert terrain.height_at(np.array(0.0), np.array(0.0)) == pytest.approx(0, abs=1e-6)

@@ -7,10 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from marssim.base.rover_spec import ZHURONG
+from marssim.scene import trajectory
+from marssim.scene.own_rover import rover_below
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks.population import CAMERA_EXTENT, RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
-from marssim.scene.trajectory import TrajectoryConfig, draw_trajectory, stand_on, tum_lines
+from marssim.scene.trajectory import Mast, TrajectoryConfig, draw_trajectory, stand_on, tum_lines
 from marssim.scene.viewpoint import ViewConfig
 
 VIEW = ViewConfig(height=(1.2, 1.2), pitch_deg=(20.0, 20.0))
@@ -136,8 +138,44 @@ def test_a_scene_too_small_for_the_drive_is_an_error():
 
 
 @pytest.mark.parametrize(
-    "change", [{"step": 0.0}, {"step": float("nan")}, {"speed": 0.0}, {"speed": float("inf")}, {"speed": 1e300}]
+    "change",
+    [
+        {"step": 0.0},
+        {"step": float("nan")},
+        {"speed": 0.0},
+        {"speed": 1e-11},
+        {"speed": float("inf")},
+        {"speed": 1e300},
+    ],
 )
 def test_bad_values_are_named(change):
     with pytest.raises(ValueError, match=next(iter(change))):
         TrajectoryConfig(**change)
+
+
+def test_with_a_mast_the_rovers_middle_drives_along_the_path(tilted):
+    """The camera stands where the turned mast carries it, so its own steps are others."""
+    for pan in (2.2, -1.8):
+        mast, config, rng = Mast(0.27, pan), TrajectoryConfig(step=0.4), np.random.default_rng(3)
+        poses = draw_trajectory(tilted, VIEW, config, COUNT, rng, mast)
+        plain = draw_trajectory(tilted, VIEW, config, COUNT, np.random.default_rng(3))
+        middles = np.array([rover_below(tilted, pose, mast.baseline, pan) for pose in poses])
+        steps = np.diff(middles[:, :2, 3], axis=0)
+        assert np.abs(np.hypot(*steps.T) - 0.4).max() < 0.02
+        ahead = np.arctan2(middles[:-1, 1, 0], middles[:-1, 0, 0]) - np.arctan2(steps[:, 1], steps[:, 0])
+        assert np.abs((ahead + np.pi) % (2 * np.pi) - np.pi).max() < 0.2
+        # above the same place of the path as a camera without a mast, but for the lean of the rover
+        assert np.hypot(*(middles[:, :2, 3] - plain[:, :2, 3]).T).max() < 0.3
+
+
+def test_places_ahead_are_tested_at_centimetres_where_strides_are_millimetres(scene, monkeypatch):
+    tested = []
+    plain = trajectory._free
+
+    def counting(obstacles, x, y):
+        tested.append(np.size(x))
+        return plain(obstacles, x, y)
+
+    monkeypatch.setattr(trajectory, "_free", counting)
+    poses = drive(scene, 5, 0.002, 4)
+    assert len(poses) == 4 and max(tested) <= 11 * (5 / 0.05 + 1)
