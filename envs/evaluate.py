@@ -28,16 +28,16 @@ from envs.drives.config import EvaluateConfig, Task
 from envs.drives.drive_bag import DriveBag
 from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
-from envs.drives.records import DELETE_TO_REPEAT, read_record
+from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, check_worker, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, check_files, check_worker, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import MarsNavEnv
 from envs.recording.drive_page import drive_path, write_drive_pages
 from envs.recording.recorder import Recorder
-from envs.recording.results_page import write_results_page
+from envs.recording.results_page import BEST, FILMED, WORST, write_results_page
 from envs.world.perception import load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
@@ -54,8 +54,6 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
-FILMED = "videos.json"  # file in OUT with the record's file of each film
-BEST, WORST = "best.mp4", "worst.mp4"  # films in OUT
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -94,7 +92,7 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     folder.mkdir(exist_ok=True)
     tasks = config.tasks
     missing = [task for task in tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
-    _run(config, missing)
+    _run(config, missing, driven_by["weights"])
     content, records = write_results(config, driven_by, test_errors)
     _film(config, tasks, records)
     write_results_page(config.out, content, records, [task.file for task in tasks])  # again, with the films
@@ -165,10 +163,13 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
 def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
     """Make the films that are asked for and missing; tasks: those of the records, in their order."""
     films = _films(config, tasks, records)
-    if not films:
-        return
     noted = config.out / FILMED
     filmed = read_json(noted) if noted.is_file() else {}
+    if config.videos:
+        for name in {BEST, WORST} & filmed.keys() - films.keys():  # of an earlier run with other drives
+            (config.out / name).unlink(missing_ok=True)
+            del filmed[name]
+            write_json(noted, filmed)
     for name, (words, n) in films.items():
         path, task = config.out / name, tasks[n]
         if filmed.get(name) == task.file and path.is_file():
@@ -183,11 +184,6 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
             _film_drive(config, task, path, f"filming {words}", records[n].steps)
         filmed[name] = task.file
         write_json(noted, filmed)
-    if config.videos:
-        for name in {BEST, WORST} & filmed.keys() - films.keys():  # of an earlier run with other drives
-            (config.out / name).unlink(missing_ok=True)
-            del filmed[name]
-            write_json(noted, filmed)
 
 
 def _films(
@@ -268,14 +264,14 @@ def _lacks_drive(config: EvaluateConfig, task: Task) -> bool:
     return config.record == "all" or _read_record(config.out / "episodes", task).outcome != "goal"
 
 
-def _run(config: EvaluateConfig, tasks: list[Task]) -> None:
+def _run(config: EvaluateConfig, tasks: list[Task], digests: Mapping[str, str]) -> None:
     with progress(len(tasks), "episode", "drive") as bar:
 
-        def finished(task: tuple[EvaluateConfig, Task, str | None], driven: tuple[EpisodeRecord, bytes | None]) -> None:
+        def finished(task: Sequence[Any], driven: tuple[EpisodeRecord, bytes | None]) -> None:
             record, data = driven
             path, recorded = config.out / "episodes" / task[1].file, drive_path(config.out, task[1].file)
-            if not path.is_file():
-                _delete_films_and_bag(config.out, task[1])  # of an earlier drive, whose record the user deleted
+            if not holds_drive(path, record):
+                _delete_films_and_bag(config.out, task[1])  # of an earlier drive
             if data is None:
                 for file in (recorded, recorded.with_suffix(".html")):
                     file.unlink(missing_ok=True)
@@ -285,7 +281,7 @@ def _run(config: EvaluateConfig, tasks: list[Task]) -> None:
             bar.update()
 
         runtimes = {name: recorded_runtime([name], config.runtime) for name in config.perception}
-        arguments = [(config, task, runtimes[task.perception]) for task in tasks]
+        arguments = [(config, task, runtimes[task.perception], digests) for task in tasks]
         run_tasks(drive_recorded, arguments, finished, config.workers, config.scheduler)
 
 
@@ -298,19 +294,25 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
     return record
 
 
-def drive_recorded(config: EvaluateConfig, task: Task, runtime: str | None) -> tuple[EpisodeRecord, bytes | None]:
+def drive_recorded(
+    config: EvaluateConfig, task: Task, runtime: str | None, digests: Mapping[str, str]
+) -> tuple[EpisodeRecord, bytes | None]:
     """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive.
 
     Args:
         config: The settings.
         task: The episode.
         runtime: What must run its perception, see resume.check_worker.
+        digests: SHA-256 of the files of driver and perception, see resume.check_files.
     """
     check_worker(task.perception, config.runtime, runtime)
-    if config.record == "none":
-        return drive(config, task), None
-    recorder = Recorder(_step_lines(config, task))
-    record = replace(drive(config, task, recorder.watch), cause=recorder.cause)
+    check_files((task.driver, task.perception), digests)
+    recorder = None if config.record == "none" else Recorder(_step_lines(config, task))
+    record = drive(config, task, None if recorder is None else recorder.watch)
+    check_files((task.driver, task.perception), digests)
+    if recorder is None:
+        return record, None
+    record = replace(record, cause=recorder.cause)
     if config.record == "failures" and record.outcome == "goal":
         return record, None
     return record, recorder.drive_file(record, config.content())

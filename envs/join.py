@@ -22,7 +22,7 @@ import tyro
 from envs.comparison.methods import fullest_runtime
 from envs.comparison.suite_results import RESULTS
 from envs.drives.config import EvaluateConfig, shard_of
-from envs.drives.records import read_record
+from envs.drives.records import TIMES, read_record
 from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
@@ -38,7 +38,6 @@ from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 EPISODES = "episodes"  # folder of the records in it
 NAMED = 5  # shards that a message names
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
-TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
 CAUSE = "cause"  # entry of a record
 NO_SETTINGS = "config does not hold the settings of an evaluation"
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
@@ -58,6 +57,8 @@ class JoinConfig:
     """Folder for the joined results."""
     suite: str | None = None
     """File of the suite, where it is not at the path that the first shard names."""
+    scene: Path | None = None
+    """File of the place, where it is not at the path that the first shard names."""
 
     def __post_init__(self) -> None:
         if not self.shards:
@@ -92,7 +93,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
     test_errors = _test_errors(contents, config.shards)
     runtimes = {key: _runtime(key, marks, config.shards) for key in (RUNTIME, OTHERS_RUNTIME)}
     try:
-        joined = _evaluation(contents, config.out)
+        joined = _evaluation(contents, config.out, config.scene)
         joined = joined if config.suite is None else replace(joined, suite=config.suite)
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
         raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error})") from None
@@ -269,9 +270,11 @@ def _test_errors(contents: Sequence[Mapping[str, Any]], folders: Sequence[Path])
     return errors
 
 
-def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path) -> EvaluateConfig:
-    """Return the settings of the whole evaluation, from the results.json of its shards."""
+def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path, scene: Path | None) -> EvaluateConfig:
+    """Return the settings of the whole evaluation, from the results.json of its shards; scene: where its place is."""
     settings = dict(contents[0]["config"])
+    if scene is not None:
+        settings["scene"] = str(scene)
     for name in METHODS:  # in the order of their first shard
         settings[name] = list(dict.fromkeys(value for content in contents for value in content["config"][name]))
     plain = EvaluateConfig(out, videos=False)

@@ -27,6 +27,7 @@ from time import monotonic
 from typing import Annotated, Any
 
 import gymnasium
+import numpy as np
 import tyro
 from gymnasium.wrappers import TransformReward
 
@@ -88,8 +89,8 @@ class PPOConfig:
         for name in ("max_minutes", "max_steps", "workers"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"--{name.replace('_', '-')} must be positive, got {getattr(self, name)}")
-        if self.seed < 0:
-            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"--seed must lie in [0, 2^32), got {self.seed}")
         CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
         load_place(self.scene)  # raises ValueError for an unknown place
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:
@@ -247,7 +248,9 @@ def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Calla
     model = PPO(WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS)
     if path.is_file():
         model.num_timesteps = restore_training(path, model.policy)
-        vector.seed(config.seed + model.num_timesteps)  # other courses than it began with
+    # of courses: others than those of the next seed, and than those that the training began with
+    courses = np.random.SeedSequence((config.seed, model.num_timesteps)).generate_state(1)[0]
+    vector.seed(int(courses) // 2)  # and of the workers after the first one, this number + 1, + 2, ...
     return model
 
 

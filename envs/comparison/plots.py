@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 
 from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_in_words, correlation_of
 from envs.drives.metrics import FEWEST_COURSES
-from m3depth.figures.drawing import save
+from m3depth.figures.drawing import plain_label, save
 
 SPREAD = 0.7  # of the height of a condition, over which its methods lie
 LABELLED = 10  # dots of a panel that are labelled with their condition, if there is room: those of the lowest scores
@@ -57,7 +57,9 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         for axes, (middle, ends, scale) in zip(panels, values, strict=False):
             low, high = scale * np.array([each or (np.nan, np.nan) for each in ends]).T
             error = np.abs(np.vstack([middle - low, high - middle]))
-            axes.errorbar(middle, at, xerr=error, fmt="o", color=f"C{n}", ms=3.5, lw=1.2, capsize=1.5, label=method)
+            axes.errorbar(
+                middle, at, xerr=error, fmt="o", color=f"C{n}", ms=3.5, lw=1.2, capsize=1.5, label=plain_label(method)
+            )
     panels[0].set(xlabel="success [%]", xlim=(-4, 104))
     panels[1].set(xlabel="SPL", xlim=(-0.04, 1.04))
     if len(methods) > 1:
@@ -69,7 +71,7 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             axes.axhspan(n - 0.5, n + 0.5, color="#000", alpha=0.045, lw=0)
     for axes in panels[2:]:
         axes.axvline(0, color="C0", lw=1)  # the first method
-    panels[0].set_yticks(range(len(conditions)), [name.replace("_", " ") for name in conditions])
+    panels[0].set_yticks(range(len(conditions)), [plain_label(name.replace("_", " ")) for name in conditions])
     panels[0].set_ylim(len(conditions) - 0.5, -0.5)
     handles, labels = panels[0].get_legend_handles_labels()
     few = any(row["courses"] < FEWEST_COURSES for row in rows)
@@ -103,7 +105,7 @@ def plot_depth_metrics(
             for method, colour in colours.items():
                 if of_method := [dot for dot in with_metric if dot["method"] == method]:
                     x, y = (np.array([dot[name] for dot in of_method]) for name in (metric, score))
-                    axes.plot(x, scale * y, "o", color=colour, ms=DOT_SIZE, alpha=0.8, mew=0, label=method)
+                    axes.plot(x, scale * y, "o", color=colour, ms=DOT_SIZE, alpha=0.8, mew=0, label=plain_label(method))
             axes.set_title(_correlation_in_words(correlation_of(correlations, score, metric)), fontsize=8)
             axes.grid(alpha=0.3)
             if METRICS[metric].logarithmic and min(dot[metric] for dot in with_metric) > 0:
@@ -123,7 +125,8 @@ def plot_depth_metrics(
     for row, (score, (_, scale)) in zip(panels, SCORES.items(), strict=True):
         for axes, metric in zip(row, shown, strict=True):
             _label_lowest(axes, [
-                (dot["condition"].replace("_", " "), colours[dot["method"]], dot[metric], scale * dot[score])
+                (plain_label(dot["condition"].replace("_", " ")), colours[dot["method"]], dot[metric],
+                 scale * dot[score])
                 for dot in dots if dot[metric] is not None
             ])  # fmt: skip
     save(figure, path)

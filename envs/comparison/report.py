@@ -12,11 +12,11 @@ from envs.comparison.methods import DrivenMethod, shared_episodes
 from envs.comparison.suite_results import Episode, Key
 from envs.drives.metrics import FEWEST_COURSES, count_failures, course_interval, paired_scores, wilson_interval
 from envs.drives.report import bounds, in_table
+from envs.suites.suite import OVERALL
 from m3depth.estimator import M3DEPTH
 from m3depth.evaluation.bootstrap import resampled_means
 from marssim.base.command.wording import counted
 
-OVERALL = "all"  # row over all conditions
 SHOWN = 12  # digits of a digest that a note shows
 
 

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from envs.comparison.schema import results_schema
+from envs.drivers.by_name import DRIVERS
 from envs.drives.config import shard_of
+from envs.drives.episodes import causes_of
 from envs.drives.metrics import spl
 from envs.drives.resume import RUNTIME, WEIGHTS
 from envs.mars_nav import STEP_SECONDS
@@ -25,10 +27,12 @@ from marssim.base.rover_spec import ZHURONG
 
 RESULTS = "results.json"  # in the folder of an evaluation
 SAME_SPL = 1e-6  # by which SPL may differ from that of the ways
+SHORTER = 0.03  # share by which a way may be shorter than the shortest path, which is found on a grid
 AIR = 0.05  # [m] by which a way may be shorter than its straight line
 STEP_WAY = ZHURONG.max_speed * STEP_SECONDS  # [m] that the rover drives in a step at most
 SLIDING = 2.0  # factor on that way for a rover that can slide downhill: with rigid bodies, or wheels that slip
 ANYWHERE = ("goal", "collision", "tilt")  # outcomes that a drive may have within GOAL_RADIUS of the goal
+BY_MOTION = ("collision", "tilt", "out_of_bounds")  # outcomes that a rover that has not moved cannot have
 # null for drives with true depth
 NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles", "near_ground", "near_ground_as_sky")
 
@@ -160,8 +164,8 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
         return f"shortest must be {listed['shortest']:g} m, got {episode['shortest']:g}"
     if episode["success"] != (episode["outcome"] == "goal"):
         return f"success must not be {episode['success']} with the outcome {episode['outcome']}"
-    if episode["success"] and episode.get("cause") is not None:
-        return f"cause must be null for a drive that reached the goal, got {episode['cause']}"
+    if fault := _fault_of_cause(episode):
+        return fault
     expected = spl(episode["success"], episode["shortest"], episode["path_length"])
     if abs(expected - episode["spl"]) > SAME_SPL:
         return f"spl must be {expected:.6f} by its ways, got {episode['spl']}"
@@ -171,10 +175,24 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
         return f"distance must be at least {GOAL_RADIUS:g} m for {episode['outcome']}, got {episode['distance']:g}"
     if (off := abs(apart - episode["distance"])) > episode["path_length"] + AIR:
         return f"path_length must be at least {off:.2f} m, by the distances of the goal, got {episode['path_length']:g}"
-    least = apart - GOAL_RADIUS - AIR
+    least = max(apart, (1 - SHORTER) * listed["shortest"]) - GOAL_RADIUS - AIR
     if episode["success"] and episode["path_length"] < least:
         return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
     return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode)
+
+
+def _fault_of_cause(episode: Mapping[str, Any]) -> str | None:
+    """Return why an episode cannot have its cause of failure; None if it can, or has none."""
+    cause, outcome = episode.get("cause"), episode["outcome"]
+    if cause is None:
+        return None
+    if episode["success"]:
+        return f"cause must be null for a drive that reached the goal, got {cause}"
+    if episode["driver"] in DRIVERS and episode["driver"] != "navigator":
+        return f"cause must be null for the driver {episode['driver']}, got {cause}"
+    if cause not in causes_of(outcome):
+        return f"cause must not be {cause} for {outcome}"
+    return None
 
 
 def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> str | None:
@@ -182,7 +200,7 @@ def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> s
     steps = episode["steps"]
     if steps > (most_steps := int(STEPS_PER_METRE * apart + 1)):
         return f"steps must be at most {most_steps}, got {steps}"
-    least = {"time": most_steps - 1, "stuck": STUCK_STEPS}.get(episode["outcome"], 0)
+    least = {"time": most_steps - 1, "stuck": STUCK_STEPS, **dict.fromkeys(BY_MOTION, 1)}.get(episode["outcome"], 0)
     if steps < least:
         return f"steps must be at least {least} for {episode['outcome']}, got {steps}"
     rigid = suite.drive["dynamics"] == "kinematic" and suite.drive["slip"] is None

@@ -85,6 +85,21 @@ class Cause(StrEnum):
     """A path was open when the drive ended: it had taken too long, or left the ground."""
 
 
+def causes_of(outcome: str) -> frozenset[Cause]:
+    """Return the causes that a drive of the navigator can have by its outcome."""
+    contact = {Cause.KNOWN_OBSTACLE, Cause.MISSED_OBSTACLE, Cause.UNSEEN_OBSTACLE}
+    if outcome == "goal":
+        return frozenset()
+    if outcome == "elsewhere":
+        return frozenset({Cause.ODOMETRY})
+    if outcome in ("collision", "tilt"):
+        return frozenset(contact)
+    path = set(Cause) - contact - {Cause.ODOMETRY, Cause.NO_PROGRESS}
+    if outcome == "out_of_bounds":
+        return frozenset(path | {Cause.ODOMETRY})
+    return frozenset(path - {Cause.DETOUR} | {Cause.NO_PROGRESS} if outcome == "stuck" else path)
+
+
 @dataclass
 class EpisodeRecord:
     """The outcome of one episode, as a file in the folder of an evaluation keeps it.

@@ -15,7 +15,7 @@ from matplotlib.patches import Circle, Polygon
 
 from envs.drives.episodes import EpisodeRecord
 from envs.world.referee import GOAL_RADIUS
-from m3depth.figures.drawing import save
+from m3depth.figures.drawing import plain_label, save
 from marssim.base.rover_spec import ZHURONG
 from nav.path.footprint import footprint_corners
 
@@ -79,7 +79,7 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
         _panel(axes, drives, groups, interval)
     figure.legend(handles=legend, loc="outside lower center", ncols=across, fontsize=8)
     relief = f", contours every {interval:g} m, the lower the darker" if interval else ""
-    figure.suptitle(f"{cell}\n[m] from the start{relief}", fontsize=9)
+    figure.suptitle(f"{plain_label(str(cell))}\n[m] from the start{relief}", fontsize=9)
     save(figure, path)
 
 
@@ -88,7 +88,8 @@ def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[s
     outcomes = sorted({record.outcome for record in records})
     out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=f"outcome: {o}") for o in outcomes]
     out += [
-        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=", ".join(group)) for n, group in enumerate(groups)
+        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=plain_label(", ".join(group)))
+        for n, group in enumerate(groups)
     ]
     if any(record.shortest_path for record in records):
         out.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable path"))

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from envs.drives.metrics import wilson_interval
-from m3depth.figures.drawing import save
+from m3depth.figures.drawing import plain_label, save
 
 Group = tuple[str, str]
 
@@ -36,7 +36,7 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     by_condition = conditions != [None]
     for n, group in enumerate(groups):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
-        label, colour = ", ".join(group), f"C{n}"
+        label, colour = plain_label(", ".join(group)), f"C{n}"
         aside = n - (len(groups) - 1) / 2
         if by_condition:
             pooled = pool_by(rows, "condition", conditions)
@@ -50,10 +50,12 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
             points = [(r["success_rate"], r["episodes"]) for r in scored]
             _bars(by_error, [r["abs_rel"] for r in scored], points, colour, label, line=False)
             if scored and test_set and group[1] in test_set:
-                by_error.axvline(test_set[group[1]], color=colour, ls=":", label=f"{group[1]}, test set")
+                by_error.axvline(test_set[group[1]], color=colour, ls=":", label=plain_label(f"{group[1]}, test set"))
     if by_condition:
         by_k.set(title="by condition")
-        by_k.set_xticks(range(len(conditions)), [str(c or "none") for c in conditions], rotation=60, ha="right")
+        by_k.set_xticks(
+            range(len(conditions)), [plain_label(str(c or "none")) for c in conditions], rotation=60, ha="right"
+        )
     else:
         by_k.set(xlabel="rock abundance k", title="by rock abundance, slopes pooled")
         driven = sorted({r["cell"]["k"] for r in results}, key=lambda k: k or 0.0)

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from envs.drives.episodes import Cause, EpisodeRecord
-from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.files.json_schema import LARGEST
 
 DELETE_TO_REPEAT = "; delete the file to drive this episode again"
+TIMES = ("step_seconds", "perception_seconds")  # of a record, which differ from drive to drive
 NUMBER = "a number of 0 or more"
 WIDTHS = {"track": 2, "shortest_path": 2, "obstacles": 3}  # numbers in a row of these fields
 
@@ -34,6 +35,16 @@ def read_record(path: Path) -> EpisodeRecord:
         if not fits(value) and not (value is None and str(field.type).endswith(" | None")):
             raise DatasetError(f"{path}: {field.name} must be {kind}, got {value!r:.40}{DELETE_TO_REPEAT}")
     return record
+
+
+def holds_drive(path: Path, record: EpisodeRecord) -> bool:
+    """Return whether a file holds a record of the same drive: equal but for times, code and cause."""
+    apart = {*TIMES, "code", "cause"}
+    try:
+        earlier = vars(read_record(path))
+    except (DatasetError, FileNotFoundError):
+        return False
+    return all(earlier[name] == value for name, value in as_json(vars(record)).items() if name not in apart)
 
 
 def is_number(value: Any) -> bool:

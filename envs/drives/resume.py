@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from m3depth.estimator import EstimatorName
@@ -85,6 +85,21 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
         records[key] = runtime if previous is None else previous
     folder.note(**{key: record for key, record in records.items() if record is not None})
     return joined_runtimes(records.values())
+
+
+def check_files(names: Sequence[str], noted: Mapping[str, str]) -> None:
+    """Raise DatasetError if files of drivers and perceptions are not those that the evaluation noted.
+
+    Args:
+        names: The drivers and perceptions, as envs.evaluate takes them.
+        noted: SHA-256 of the files, as noted_digests returned them.
+    """
+    for name in names:
+        if _digest(name) != noted.get(name):
+            raise DatasetError(
+                f"{_read_from(name) or name}: on {platform.node()}, this is not the file that the drives began with; "
+                "put that one back, or choose another --out"
+            )
 
 
 def check_worker(perception: str, wanted: str, expected: str | None) -> None:

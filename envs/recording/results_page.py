@@ -9,11 +9,12 @@ from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS
-from envs.drives.metrics import spl
+from envs.drives.metrics import best_and_worst, spl
 from envs.drives.report import settings
 from envs.recording.drive_page import asset, drive_path
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import read_json
 
 RESULTS = "results.html"
 COLUMNS = {
@@ -33,6 +34,8 @@ Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's inte
 path over the driven one. Collisions: of the chassis, or of a wheel with a rock that blocks. Abs Rel: error of the depth
 on the way. Near miss: a drive without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock,
 a drop or steep ground. results.md has more columns, and the differences between methods."""
+FILMED = "videos.json"  # file in OUT with the record's file of each film
+BEST, WORST = "best.mp4", "worst.mp4"  # films in OUT
 HOW_TO_RECORD = {
     "none": "No drive is recorded. The same command with --record failures, or --record all, records them.",
     "failures": "No drive failed, so that none is recorded. The same command with --record all records them all.",
@@ -78,7 +81,7 @@ def write_results_page(
 <p class="note">{escape(settings(content["driven_with"]).strip())}</p>
 {"".join(sections)}
 <p class="note">{escape(LEGEND)}</p>
-<p>{_files(out)} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
+<p>{_files(out, _ends(records, episode_files))} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
 </main>
 </body>
 </html>
@@ -136,10 +139,21 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, inspect</a></td>'
 
 
-def _files(out: Path) -> str:
-    """Return links to the other files of the evaluation."""
+def _ends(records: Sequence[EpisodeRecord], files: Sequence[str]) -> dict[str, str | None]:
+    """Return the names of the records' files of the best and of the worst drive, by their films; None for no drive."""
+    if not records:
+        return {}
+    best, worst = best_and_worst(records)
+    return {BEST: None if best is None else files[best], WORST: files[worst]}
+
+
+def _files(out: Path, ends: Mapping[str, str | None]) -> str:
+    """Return links to the other files of the evaluation; ends: see _ends, as those of an earlier run may lie there."""
+    noted = out / FILMED
+    filmed = read_json(noted) if noted.is_file() else {}
     names = ["results.json", "results.md", "success.png"]
-    for pattern in ("maps/*", "best.mp4", "worst.mp4", "videos/*.mp4"):
-        names += [path.relative_to(out).as_posix() for path in sorted(out.glob(pattern))]
+    names += [path.relative_to(out).as_posix() for path in sorted(out.glob("maps/*"))]
+    names += [name for name, file in ends.items() if file and filmed.get(name) == file and (out / name).is_file()]
+    names += [path.relative_to(out).as_posix() for path in sorted(out.glob("videos/*.mp4"))]
     links = ", ".join(f'<a href="{escape(name)}">{escape(name)}</a>' for name in names)
     return f"Beside this page: {links}."

@@ -46,6 +46,7 @@ from marssim.scene.scene import SceneConfig
 FORMAT = 1
 FOLDER = Path(__file__).parent  # of the suites in the package
 SCHEMA = FOLDER / "suite.schema.json"
+OVERALL = "all"  # in tables, the row of all conditions
 SAME_PLACE = 2e-3  # [m], [rad] by which start and goal may differ
 SAME_WAY = 0.02  # [m] by which the shortest path may differ
 
@@ -185,6 +186,11 @@ def _read(path: Path, stamp: int) -> Suite:
         raise DatasetError(f"suite {path}: is a file of results, not of a suite")
     if fault := first_fault(content, suite_schema()):
         raise DatasetError(f"suite {path}: {fault}")
+    for part in ("conditions", "splits"):
+        if not content[part]:
+            raise DatasetError(f"suite {path}: {part} must not be empty")
+    if OVERALL in content["conditions"]:
+        raise DatasetError(f"suite {path}: conditions: {OVERALL} is the name of all of them together; choose another")
     for name, values in content["conditions"].items():
         try:
             _settings_under(values)

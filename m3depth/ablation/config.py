@@ -57,8 +57,9 @@ class AblateOptions:
     """Number of test pairs to score, 2 or more, spread evenly over the split. Without it, all are scored."""
     batch: int = 4
     """Number of crops in a training step."""
-    crop: tuple[int, int] = (256, 448)
-    """Height and width of the crops [px]; both must be multiples of 8."""
+    crop: tuple[int, int] = (256, 512)
+    """Height and width of the crops [px]; both must be multiples of 8. A network pads crops that are no multiples of
+    its own, and learns the padding; four and five levels of the wavelet transform need multiples of 128 and 256."""
     recompute: bool = False
     """Compute activations twice instead of storing them, which takes less memory and more time."""
     device: Literal["auto", "cpu", "cuda"] = "auto"

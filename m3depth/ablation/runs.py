@@ -96,6 +96,25 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
     return runs
 
 
+def padded_crops(options: AblateOptions) -> list[str]:
+    """Return a warning for each size to which networks of the studies pad the crops.
+
+    Such a network is trained with padding at the same border of every crop, and errs there in images without padding.
+    """
+    height, width = options.crop
+    padded: dict[tuple[int, int], list[str]] = {}
+    for variant in distinct(options.chosen().values(), options.preset).values():
+        multiple = variant.resolved(options.preset)[0].size_multiple
+        size = -(-height // multiple) * multiple, -(-width // multiple) * multiple
+        if size != (height, width):
+            padded.setdefault(size, []).append(variant.name)
+    return [
+        f"crops of {height} x {width} px are padded to {rows} x {columns} for {', '.join(sorted(names))}, which learn "
+        "the padding and cannot be compared with the others; choose another --crop"
+        for (rows, columns), names in padded.items()
+    ]
+
+
 def ablate(options: AblateOptions) -> dict[str, Any]:
     """Train and score the runs that are missing, and write the tables.
 
@@ -119,6 +138,8 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
             raise ValueError(f"--data {folder}: split train holds no pairs; name another folder")
     if len(test) < 2:
         raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
+    for warning in padded_crops(options):
+        print(f"warning: {warning}", file=sys.stderr)
     with _folder(options, [*training, test]).claim():
         _check_earlier(runs, options)
         scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")

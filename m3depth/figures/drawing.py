@@ -43,6 +43,15 @@ def method_styles() -> Iterator[dict[str, str]]:
                 yield {"color": colour, "marker": marker, "markerfacecolor": "white" if hollow else colour}
 
 
+def plain_label(label: str) -> str:
+    """Return a label that matplotlib shows as it is.
+
+    It takes what is between two $ for a formula, and leaves out labels that begin with an underscore.
+    """
+    label = label.replace("$", r"\$")
+    return f" {label}" if label.startswith("_") else label
+
+
 def panel_aspect(image: np.ndarray) -> float:
     """Return height by width of an image's place in a figure.
 

@@ -102,7 +102,10 @@ def working_sizes(
     first = finest if gain < SAME else first
     more = math.ceil(math.log(gain, FARTHEST_STEP) - ROUNDING) if gain >= LEAST_GAIN and refines else 0
     scales = [first * gain ** (k / more) for k in range(1, more)] + [finest] * (more > 0)
-    return [(max(1, round(height * scale)), max(1, round(width * scale))) for scale in (first, *scales)]
+    sizes = [(max(1, round(height * scale)), max(1, round(width * scale))) for scale in (first, *scales)]
+    if max_pixels is None or sizes[-1][0] * sizes[-1][1] <= max_pixels:
+        return sizes
+    return [*sizes[:-1], (max(1, int(height * finest)), max(1, int(width * finest)))]
 
 
 def prediction_of(out: Maps, rig: StereoRig) -> Prediction:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Lock
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -16,6 +17,8 @@ from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.weights.storage import save_weights
 from marssim.base.camera import StereoRig
 from marssim.base.compute.waiting import warn_of_busy_threads
+
+_STEPS = Lock()  # of every_step, which one thread sets at a time
 
 
 class StereoNetwork(nn.Module):
@@ -160,12 +163,13 @@ class StereoNetwork(nn.Module):
             maps.extend(grid_map.at_size(inputs[0].shape[-2:], size) for grid_map in self.steps_of(output))
             return output
 
-        self.every_step = True
-        try:
-            device = next(self.parameters()).device
-            infer_pair(run, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
-        finally:
-            self.every_step = False
+        with _STEPS:
+            self.every_step = True
+            try:
+                device = next(self.parameters()).device
+                infer_pair(run, self.reach, self.goes_on, device, left, right, rig, nearest, max_pixels)
+            finally:
+                self.every_step = False
         return maps
 
     def _forward(self, left: Tensor, right: Tensor, camera: Tensor, start: Any) -> Any:

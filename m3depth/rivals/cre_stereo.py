@@ -8,7 +8,8 @@ small window around the current displacement: 1 x 9 and 3 x 3 cells in turn. At 
 learned offsets; at 1/16 the features have passed through linear attention within each image, and then between the two.
 The displacement has a second, vertical component, by which the method tolerates pairs that are badly rectified; it is
 trained to be 0. Each level starts where the coarser one ended. (The released code changes the displacement's sign
-between levels.) The second pass over a larger pair, which the paper adds for photographs, is left out.
+between levels, and pads with zeros where it upsamples, instead of repeating the border.) The second pass over a larger
+pair, which the paper adds for photographs, is left out.
 """
 
 from __future__ import annotations

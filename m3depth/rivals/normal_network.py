@@ -237,11 +237,20 @@ class NormalNetwork(Rival):
         disparity = output.disparity if output.trained_disparity else disparity
         return replace(output, disparity=disparity, normal=facing, confidence=confidence, sky=sky)
 
+    @property
+    def reach(self) -> float:
+        """The largest disparity that is trained [px], or that the network which gives the depth finds, if less."""
+        return super().reach if self.takes_truth else min(super().reach, self._loaded().reach)
+
     def _m3depth(self, device: torch.device) -> M3Depth:
+        """Return the network that gives the depth, on a device."""
+        return self._loaded().to(device)
+
+    def _loaded(self) -> M3Depth:
         """Return the network that gives the depth, loaded once."""
         if not self._frozen:
             self._frozen.append(M3Depth.from_pretrained(depth_file(self.config)).requires_grad_(False))
-        return self._frozen[0].to(device)
+        return self._frozen[0]
 
     def with_truth(self, disparity: np.ndarray) -> NormalNetwork | TrueDepthEstimator:
         """Return the method for a pair of a known disparity, (H, W) [px]; itself if it takes none."""
@@ -257,7 +266,7 @@ class TrueDepthEstimator:
     """
 
     def __init__(self, network: NormalNetwork, disparity: np.ndarray) -> None:
-        self.network = network
+        self.network, self.known = network, np.isfinite(disparity)
         self.disparity = torch.from_numpy(np.where(np.isfinite(disparity), disparity, 0).astype(np.float32))
 
     @torch.inference_mode()
@@ -272,4 +281,6 @@ class TrueDepthEstimator:
             with autocast(device, fast_dtype(device)):
                 return self.network(left, right, camera, truth)
 
-        return infer_pair(run, self.network.reach, False, device, left, right, rig)
+        prediction = infer_pair(run, self.network.reach, False, device, left, right, rig)
+        true = np.where(self.known, self.disparity.numpy(), np.float32(np.nan))
+        return replace(prediction, depth=np.where(self.known, rig.disparity_to_depth(true), true), disparity=true)

@@ -1,4 +1,8 @@
-"""What RAFT-Stereo and the methods on top of it share: encoders, and the loop of their recurrent steps."""
+"""What RAFT-Stereo and the methods on top of it share: encoders, and the loop of their recurrent steps.
+
+Lookup and convex upsampling are those of M3Depth. Unlike the released code, the lookup takes the places of a coarser
+level where its cells lie, half a cell aside, and the upsampling repeats the border instead of padding it with zeros.
+"""
 
 from __future__ import annotations
 

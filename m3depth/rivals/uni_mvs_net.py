@@ -11,7 +11,9 @@ the next one. The plane with the largest value and that value give the result, s
 regression. The unified focal loss gives hard planes more weight.
 
 The method is for many views and planes of depth. Here there is one more view, which is rectified, and the planes are
-those of disparity: their steps cover the image evenly, and the horizon is within the search.
+those of disparity: their steps cover the image evenly, and the horizon is within the search. The planes of the finer
+two sweeps are 2 and 1 px apart and begin at 0 at least, where the released code divides the interval of the sweep
+before, and does not limit it.
 """
 
 from __future__ import annotations

@@ -61,6 +61,12 @@ def arrived(content):
     return next(episode for episode in content["episodes"] if episode["success"])
 
 
+def failed(outcome, cause, driver="navigator"):
+    """The first episode failed by its cause, at its end."""
+    values = {"outcome": outcome, "cause": cause, "driver": driver, "success": False, "spl": 0.0, "distance": 1.5}
+    return lambda content: content["episodes"][0].update(values)
+
+
 def seen(**values):
     """The first episode is one of another perception, which saw no rocks, with these values."""
     return lambda content: content["episodes"][0].update({"perception": "p", **NO_ROCKS, **values})
@@ -74,6 +80,9 @@ def seen(**values):
         (broken("outcome", "won"), "episodes[0].outcome must be one of goal, collision"),
         (broken("cause", "bad luck"), "episodes[0].cause must be one of null, odometry error, known obstacle"),
         (lambda c: arrived(c).update(cause="detour"), "cause must be null for a drive that reached the goal, got det"),
+        (failed("collision", "detour"), "cause must not be detour for collision"),
+        (failed("no_path", "missed obstacle"), "cause must not be missed obstacle for no_path"),
+        (failed("no_path", "detour", "straight"), "cause must be null for the driver straight, got detour"),
         (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
         (broken("spl", 0.123), "spl must be "),
         (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: appears twice"),
@@ -127,13 +136,14 @@ def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite
     ("values", "message"),
     [
         (("goal", 1.0, 0.9, 9), r"path_length must be at least 2.10 m, by the distances of the goal, got 1"),
-        (("goal", 1.93, 1.04, 9), r"path_length must be at least 1.95 m for an arrival, got 1.93"),
+        (("goal", 1.93, 1.04, 9), r"path_length must be at least 1.96 m for an arrival, got 1.93"),
         (("goal", 3.0, 1.2, 9), r"distance must be at most 1 m for an arrival, got 1.2"),
         (("collision", 0.0, 0.0, 9), r"path_length must be at least 3.00 m, by the distances of the goal, got 0"),
         (("elsewhere", 1.0, 5.0, 9), r"path_length must be at least 2.00 m, by the distances of the goal, got 1"),
         (("no_path", 3.0, 0.5, 9), r"distance must be at least 1 m for no_path, got 0.5"),
         (("time", 3.0, 2.0, 9), r"steps must be at least 44 for time, got 9"),
         (("stuck", 0.1, 3.0, 4), r"steps must be at least 5 for stuck, got 4"),
+        (("out_of_bounds", 0.0, 3.0, 0), r"steps must be at least 1 for out_of_bounds, got 0"),
     ],
 )
 def test_the_end_of_a_drive_must_fit_its_way_and_its_steps(edited, small_suite, values, message):
@@ -235,7 +245,11 @@ def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
 def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsys):
     def fail(content):
         failed = [episode for episode in content["episodes"] if not episode["success"]]
-        failed[0]["cause"] = "missed obstacle"
+        driver = failed[0]["driver"]
+        for episode in content["episodes"]:
+            if episode["driver"] == driver:
+                episode["driver"] = "mine:Driver"  # of the built-in ones, only the navigator has causes
+        failed[0].update(outcome="collision", cause="missed obstacle")
 
     path = edited(fail)
     rows = compare(CompareConfig((path,), suite=str(small_suite)))["failures"]

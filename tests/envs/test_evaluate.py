@@ -73,7 +73,7 @@ def test_an_evaluation_continues_where_it_was_stopped(finished, monkeypatch):
     before = unchanged.stat().st_mtime_ns
     driven = []
     drive = envs.evaluate.drive
-    monkeypatch.setattr("envs.evaluate.drive", lambda config, task: driven.append(task) or drive(config, task))
+    monkeypatch.setattr("envs.evaluate.drive", lambda config, task, watch: driven.append(task) or drive(config, task))
     again = evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
     assert without_times(again) == without_times(content)
     assert [task.file for task in driven] == [lost.name] and unchanged.stat().st_mtime_ns == before
@@ -356,14 +356,28 @@ def test_a_single_drive_is_filmed_once(films, tmp_path, driver, film):
     assert list(json.loads((tmp_path / "videos.json").read_text())) == [film]
 
 
-def test_a_film_that_is_no_longer_the_worst_is_deleted(films, tmp_path):
+@pytest.mark.parametrize("other", [False, True])
+def test_a_drive_that_is_repeated_to_be_recorded_is_filmed_again_if_it_is_another(films, tmp_path, other):
+    config = EvaluateConfig(tmp_path, episodes=1, seed=3, **{**QUICK, "driver": ("straight",), "videos": True})
+    evaluate(config)
+    (file,) = (tmp_path / "episodes").glob("*-0000.json")
+    record = json.loads(file.read_text())
+    write_json(file, {**record, "code": "0123456789ab", "path_length": record["path_length"] + other})
+    evaluate(replace(config, record="all"))
+    assert len(films) == 1 + other and json.loads(file.read_text())["path_length"] == record["path_length"]
+
+
+@pytest.mark.parametrize("videos", [False, True])
+def test_a_film_that_is_no_longer_the_worst_is_deleted_or_at_least_not_shown(films, tmp_path, videos):
     config = EvaluateConfig(tmp_path, episodes=1, seed=3, **{**QUICK, "driver": ("straight", "random"), "videos": True})
     evaluate(config)
     assert {file.name for file in tmp_path.glob("*.mp4")} == {"best.mp4", "worst.mp4"}
-    evaluate(replace(config, driver=("straight",)))
-    assert [file.name for file in tmp_path.glob("*.mp4")] == ["best.mp4"] and len(films) == 2
-    assert "worst.mp4" not in (tmp_path / "results.html").read_text()
-    assert list(json.loads((tmp_path / "videos.json").read_text())) == ["best.mp4"]
+    evaluate(replace(config, driver=("straight",), videos=videos))
+    page = (tmp_path / "results.html").read_text()
+    assert "best.mp4" in page and "worst.mp4" not in page and len(films) == 2
+    if videos:
+        assert [file.name for file in tmp_path.glob("*.mp4")] == ["best.mp4"]
+        assert list(json.loads((tmp_path / "videos.json").read_text())) == ["best.mp4"]
 
 
 def test_the_progress_of_a_film_names_it(films, tmp_path, monkeypatch, capsys):

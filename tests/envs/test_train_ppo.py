@@ -142,7 +142,7 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     file.write_text(json.dumps({**about, "seconds": 900.0}))
     train(PPOConfig(**config, max_steps=16), rollout=8)
     assert 900 < json.loads(file.read_text())["seconds"] < 1200 and 0 < rates[-1] <= 0.25e-3
-    assert seeds[0] == 5 and seeds[-1] == 5 + 8
+    assert seeds[0] == seeds[2] == 5 and seeds[1] != seeds[3]  # the second and the last one are those of the courses
     whole, printed = path.read_bytes(), capsys.readouterr().out
     assert "already" not in printed
     train(PPOConfig(**config, max_steps=16), rollout=8)
@@ -229,3 +229,22 @@ def test_the_log_of_another_command_is_left_alone(tmp_path, capsys):
     assert main(["--out", str(tmp_path), "--max-steps", "1"]) == 2
     assert "train_ppo.json: no such file, so another command wrote the files in this folder" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["log.jsonl"]
+
+
+def test_trainings_of_neighbouring_seeds_share_no_courses(tmp_path, small_place, monkeypatch):
+    import stable_baselines3.common.vec_env as vec_env
+
+    seeds = []
+    plain = vec_env.DummyVecEnv.seed
+    monkeypatch.setattr(vec_env.DummyVecEnv, "seed", lambda self, value: seeds.append(value) or plain(self, value))
+    last = []
+    for seed in (0, 1):
+        config = PPOConfig(tmp_path / str(seed), workers=1, goal_distance=3.0, scene=str(small_place), seed=seed)
+        train(replace(config, max_steps=4), rollout=4)
+        last.append(seeds[-1])
+    assert abs(last[0] - last[1]) > 1000 and all(0 <= value < 2**31 for value in last)
+
+
+def test_a_seed_that_numpy_does_not_take_is_refused(tmp_path, capsys):
+    assert main(["--out", str(tmp_path / "out"), "--seed", "4294967296"]) == 2
+    assert "--seed must lie in [0, 2^32), got 4294967296" in capsys.readouterr().err and not list(tmp_path.iterdir())

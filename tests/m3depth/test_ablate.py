@@ -15,7 +15,7 @@ from small_network import SMALL
 from m3depth.ablate import main
 from m3depth.ablation import runs as ablation
 from m3depth.ablation.config import AblateOptions
-from m3depth.ablation.runs import SETTINGS, plan
+from m3depth.ablation.runs import SETTINGS, padded_crops, plan
 from m3depth.network import config as network_config
 from m3depth.network.model import M3Depth
 from m3depth.training import loop as training
@@ -226,3 +226,14 @@ def test_a_folder_holds_one_ablation(plane_set, ablated, tmp_path, capsys) -> No
     (tmp_path / "file").write_text("")
     assert main(flags(plane_set, tmp_path / "file", "--steps", "1")) == 2
     assert f"--out {tmp_path / 'file'}: is not a folder" in capsys.readouterr().err
+
+
+def test_networks_that_pad_the_crops_are_named(tmp_path) -> None:
+    def options(width: int) -> AblateOptions:
+        return AblateOptions((tmp_path,), tmp_path / "out", studies=("levels",), steps=1, crop=(256, width))
+
+    assert padded_crops(options(512)) == []
+    (one,) = padded_crops(options(384))
+    assert one.startswith("crops of 256 x 384 px are padded to 256 x 512 for levels-5, which learn the padding")
+    (one,) = padded_crops(options(448))
+    assert "256 x 512 for levels-4, levels-5, which" in one

@@ -21,6 +21,7 @@ ENCODINGS: dict[str, tuple[type[np.generic], int, int | None]] = {
     "bayer_rggb8": (np.uint8, 1, cv2.COLOR_BayerBG2RGB), "bayer_bggr8": (np.uint8, 1, cv2.COLOR_BayerRG2RGB),
     "bayer_gbrg8": (np.uint8, 1, cv2.COLOR_BayerGR2RGB), "bayer_grbg8": (np.uint8, 1, cv2.COLOR_BayerGB2RGB),
 }  # fmt: skip
+UINT32, FLOAT32 = 6, 7  # of sensor_msgs/PointField
 
 
 def image_array(message: Any) -> np.ndarray:
@@ -74,9 +75,13 @@ def cloud_arrays(message: Any) -> tuple[np.ndarray, np.ndarray | None]:
     Raises:
         ValueError: It has no x, y and z of float32, or its data are too short.
     """
-    offsets = {field.name: int(field.offset) for field in message.fields if field.datatype == 7}
+    offsets = {
+        field.name: int(field.offset) for field in message.fields
+        if field.datatype == FLOAT32 or (field.name == "rgb" and field.datatype == UINT32)
+    }  # fmt: skip
     step, count = int(message.point_step), int(message.width) * int(message.height)
-    if not {"x", "y", "z"} <= offsets.keys() or max(offsets.values()) + 4 > step or len(message.data) < count * step:
+    least = max(count * step, int(message.row_step) * int(message.height))
+    if not {"x", "y", "z"} <= offsets.keys() or max(offsets.values()) + 4 > step or len(message.data) < least:
         raise ValueError("the cloud has no x, y and z of float32, or its data are too short")
     end = ">" if message.is_bigendian else "<"
     names = [name for name in ("x", "y", "z", "rgb") if name in offsets]
@@ -84,7 +89,10 @@ def cloud_arrays(message: Any) -> tuple[np.ndarray, np.ndarray | None]:
         {"names": names, "formats": [end + ("u4" if name == "rgb" else "f4") for name in names],
          "offsets": [offsets[name] for name in names], "itemsize": step}
     )  # fmt: skip
-    rows = np.asarray(message.data, np.uint8)[: count * step].view(dtype)
+    data = np.asarray(message.data, np.uint8)
+    if (across := int(message.row_step)) > int(message.width) * step:  # rows end in unused bytes
+        data = data[: int(message.height) * across].reshape(-1, across)[:, : int(message.width) * step].ravel()
+    rows = data[: count * step].view(dtype)
     points = np.column_stack([rows[name] for name in "xyz"]).astype(np.float32)
     if "rgb" not in offsets:
         return points, None

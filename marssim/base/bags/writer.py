@@ -62,8 +62,10 @@ class BagWriter:
                 self._writer.close()
                 if kind is None and self.path.is_dir():
                     shutil.rmtree(self.path)
-            finally:
-                self._folder.__exit__(kind, error, traceback)
+            except BaseException as failure:  # a bag that cannot be finished does not appear either
+                self._folder.__exit__(type(failure), failure, failure.__traceback__)
+                raise
+            self._folder.__exit__(kind, error, traceback)
 
     def write(self, topic: str, stamp: int, message: Any, latched: bool = False) -> None:
         """Write a message.

@@ -18,15 +18,15 @@ from marssim.base.calibration.orientation import RectifiedView
 from marssim.base.camera import PinholeCamera
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_LIST = rf"(?:\[([^\]]*)\]|((?:\s*\n\s*-\s*{NUMBER})+))"  # [1, 2], or one number a line
+# [1, 2], or one number a line; no part can match the blanks of another, so that long runs of them take no time
+_LIST = r"(?:\s*+\[([^\]]*)\]|((?:[ \t\r]*+\n\s*+-[ \t]++\S++)+))"
 MODELS = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True, "fisheye": True}  # is it a fisheye?
 
 
 def _field(long: str, short: str) -> re.Pattern[str]:
     """Return the pattern of a matrix by its name in camera_calibration's files and in the message."""
-    return re.compile(
-        rf"^\s*(?:{long}\s*:(?:\s*(?:rows|cols)\s*:\s*\d+)*\s*data|{short}|{short.lower()})\s*:\s*{_LIST}", re.MULTILINE
-    )
+    block = rf"{long}[ \t]*:(?:\s*+(?:rows|cols)[ \t]*:[ \t]*\d+)*\s*+data"
+    return re.compile(rf"^[ \t]*(?:{block}|{short}|{short.lower()})[ \t]*:{_LIST}", re.MULTILINE)
 
 
 _PROJECTION = _field("projection_matrix", "P")
@@ -75,14 +75,14 @@ def parse_raw_camera(text: str) -> PosedCamera:
     """
     info = parse_camera_info(text)
     k = _matrix(text, _CAMERA, "camera_matrix", (3, 3))
-    name = re.search(r"^\s*distortion_model\s*:\s*[\"']?(\w*)", text, re.MULTILINE)
+    name = re.search(r"^[ \t]*distortion_model[ \t]*:[ \t]*[\"']?(\w*)", text, re.MULTILINE)
     model = name[1] if name else ""
     if model and model not in MODELS:
         raise ValueError(f"distortion_model {model} is not supported; {', '.join(MODELS)} are")
     match = _DISTORTION.search(text)
     terms = np.zeros(0)
     if match is not None:
-        terms = fields.numbers(re.findall(NUMBER, match[1] or match[2] or ""), "distortion_coefficients")
+        terms = fields.numbers(_items(match), "distortion_coefficients")
     turn = nearest_rotation(_matrix(text, _ROTATION, "rectification_matrix", (3, 3))).T
     centre = np.array([-info.projection[0, 3] / info.projection[0, 0], 0, 0])
     return PosedCamera(lens_of(k, terms, MODELS.get(model, False)), turn, centre, info.size)
@@ -127,12 +127,21 @@ def _matrix(text: str, pattern: re.Pattern[str], name: str, shape: tuple[int, in
     match = pattern.search(text)
     if match is None:
         raise ValueError(f"lacks the {name} of a CameraInfo of ROS")
-    values = fields.numbers(re.findall(NUMBER, match[1] or match[2] or ""), name)
+    values = fields.numbers(_items(match), name)
     if len(values) != shape[0] * shape[1]:
         raise ValueError(f"{name} must have {shape[0] * shape[1]} numbers, has {len(values)}")
     return values.reshape(shape)
 
 
+def _items(match: re.Match[str]) -> list[str]:
+    """Return the items of a matched _LIST, whatever they are."""
+    if match[1] is not None:
+        return match[1].replace(",", " ").split()
+    return re.findall(r"-[ \t]+(\S+)", match[2])
+
+
 def _size(text: str) -> tuple[int, int] | None:
-    matches = [re.search(rf"^\s*(?:image_)?{name}\s*:\s*(\d+)", text, re.MULTILINE) for name in ("width", "height")]
+    matches = [
+        re.search(rf"^[ \t]*(?:image_)?{name}[ \t]*:[ \t]*(\d+)", text, re.MULTILINE) for name in ("width", "height")
+    ]
     return (int(matches[0][1]), int(matches[1][1])) if matches[0] and matches[1] else None

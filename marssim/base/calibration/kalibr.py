@@ -53,14 +53,14 @@ def kalibr_text(pair: PosedPair) -> str:
     lines = []
     for eye, camera in (("cam0", pair.left), ("cam1", pair.right)):
         lens = camera.lens
-        if not isinstance(lens, RadialTangential | Fisheye) or len(lens.coefficients) > 4 or camera.size is None:
+        if not isinstance(lens, RadialTangential | Fisheye) or any(lens.coefficients[4:]) or camera.size is None:
             raise ValueError("Kalibr's files hold cameras with a size and four coefficients of distortion")
         lines.append(f"{eye}:")
         if eye == "cam1":
             lines += ["  T_cn_cnm1:", *(f"  - {_list(row)}" for row in transform)]
         lines += [
             "  camera_model: pinhole",
-            f"  distortion_coeffs: {_list(lens.coefficients or (0.0,) * 4)}",
+            f"  distortion_coeffs: {_list(lens.coefficients[:4] or (0.0,) * 4)}",
             f"  distortion_model: {'equidistant' if isinstance(lens, Fisheye) else 'radtan'}",
             f"  intrinsics: {_list((lens.fx, lens.fy, lens.cx, lens.cy))}",
             f"  resolution: [{camera.size[0]}, {camera.size[1]}]",

@@ -26,7 +26,8 @@ from marssim.base.calibration.product_label import (
 )  # fmt: skip
 from marssim.base.command.input_file import check_file
 
-MODEL = "GEOMETRIC_CAMERA_MODEL"
+MODEL = "GEOMETRIC_CAMERA_MODEL"  # of Mars 2020 and MER
+MODEL_NAMES = (MODEL, "GEOMETRIC_CAMERA_MODEL_PARMS")  # and of MSL
 MODELS = ("CAHV", "CAHVOR", "CAHVORE")
 KINDS = {"REAL": "f", "UNSIGNED": "u", "INTEGER": "i"}  # of numpy, by a word in SAMPLE_TYPE, of which the first counts
 FILE_BYTES = "file bytes"  # the size of a file with a VICAR label; with its space, no key of a label has this name
@@ -171,11 +172,11 @@ def _plain(value: str) -> Any:
 def _product(label: dict[str, Any], attached: bool) -> ProductLabel:
     image = _group(label, "IMAGE")
     size = fields.size(image, sides=[("LINE_SAMPLES", "LINES")])
-    model = label.get(MODEL)
+    model = next((label[name] for name in MODEL_NAMES if isinstance(label.get(name), dict)), None)
     counter = label.get("ROVER_MOTION_COUNTER", [])
     constants: dict[str, Any] = {key: image[key] for key in ("MISSING_CONSTANT", "INVALID_CONSTANT") if key in image}
     return ProductLabel(
-        camera=_camera(model, size) if isinstance(model, dict) else None,
+        camera=None if model is None else _camera(model, size),
         size=size,
         start=parse_time(label.get("START_TIME") or label.get("IMAGE_TIME")),
         eye=eye_of(label.get("FRAME_ID"), label.get("INSTRUMENT_ID"), label.get("INSTRUMENT_NAME")),

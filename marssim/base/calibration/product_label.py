@@ -1,6 +1,7 @@
 """What the label of a rover's image says about the camera: its model, the size, the time, and which eye it is.
 
-PDS3       attached to the image (.IMG), or in a file of its own (.LBL): group GEOMETRIC_CAMERA_MODEL
+PDS3       attached to the image (.IMG), or in a file of its own (.LBL): group GEOMETRIC_CAMERA_MODEL,
+           or in labels of MSL GEOMETRIC_CAMERA_MODEL_PARMS
 VICAR      the header of a .IMG or .VIC file: property GEOMETRIC_CAMERA_MODEL
 PDS4       .xml: geom:Camera_Model_Parameters
 Zhurong    .2CL, PDS4 with the mission's own fields

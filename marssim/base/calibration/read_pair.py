@@ -146,7 +146,9 @@ def _labelled_camera(label: ProductLabel | None, path: Path) -> PosedCamera:
         ValueError: There is no label, or it has no camera model.
     """
     if label is None or label.camera is None:
-        raise ValueError(f"{path}: has no label with a camera model (GEOMETRIC_CAMERA_MODEL)")
+        raise ValueError(
+            f"{path}: has no label with a camera model (GEOMETRIC_CAMERA_MODEL or GEOMETRIC_CAMERA_MODEL_PARMS)"
+        )
     return label.camera
 
 

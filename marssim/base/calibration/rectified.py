@@ -92,9 +92,9 @@ def read_calibration(
             raise ValueError("is not a CameraInfo of ROS, the only kind that comes in two files")
         if text.lstrip().startswith(("%YAML", "<?xml", "{")):
             return (_from_json(text) or _from_opencv(text)).checked()
-        if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
+        if re.search(r"^[ \t]*cam0[ \t]*=", text, re.MULTILINE):
             return _from_middlebury(text).checked()
-        if re.search(r"^\s*P(_rect_0)?\d\s*:", text, re.MULTILINE):
+        if re.search(r"^[ \t]*P(_rect_0)?\d[ \t]*:", text, re.MULTILINE):
             grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
             return _from_kitti(text, ("0", "1") if grey else ("2", "3")).checked()
     except ValueError as error:
@@ -190,7 +190,7 @@ def _from_ros(left_text: str, right_text: str | None, baseline: float | None) ->
 def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
     matrices = {
         number: np.array([float(value) for value in values.split()])
-        for number, values in re.findall(rf"^\s*P(?:_rect_0)?(\d)\s*:((?:\s+{NUMBER})+)", text, re.MULTILINE)
+        for number, values in re.findall(rf"^[ \t]*P(?:_rect_0)?(\d)[ \t]*:((?:\s+{NUMBER})+)", text, re.MULTILINE)
     }
     present = [pair for pair in (eyes, ("2", "3"), ("0", "1")) if all(eye in matrices for eye in pair)]
     if not present:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -92,7 +94,7 @@ class _Worker:
             before = set(multiprocessing.active_children())
             with _environment_of_workers():
                 future = self.pool.submit(_call_and_weigh, function, task)
-            self.processes = set(multiprocessing.active_children()) - before
+                self.processes = set(multiprocessing.active_children()) - before  # before a Ctrl-C is raised
             return future
         return self.pool.submit(_call_and_weigh, function, task)
 
@@ -182,13 +184,28 @@ def _start(permit: Any) -> None:
 
 def _call_and_weigh(function: Callable[..., Any], task: Task) -> tuple[Any, int]:
     """Return the task's result and the memory of this process after it [bytes]; 0 where it cannot be read."""
-    with exits_as_errors():
-        result = function(*task)
+    try:
+        with exits_as_errors():
+            result = function(*task)
+    except Exception as error:
+        if _can_be_sent(error):
+            raise
+        lines = "".join(traceback.format_exception(error))
+        raise RuntimeError(f"{type(error).__name__}: {error}\n{lines}") from None
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
         return result, 0
     return result, pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def _can_be_sent(error: Exception) -> bool:
+    """Return whether another process can read an exception, which its class may prevent."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return False
+    return True
 
 
 def _end_with(parent: Any) -> None:

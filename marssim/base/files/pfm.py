@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([-+.\deE]+)(?:\r\n|\s)")
+_HEADER = re.compile(rb"(P[fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
 
 
 def encode_pfm(image: np.ndarray) -> bytes:

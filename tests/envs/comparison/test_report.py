@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from envs.comparison.methods import DrivenMethod
+from envs.comparison.plots import plot_comparison
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table
 from envs.drives.metrics import newcombe_interval
 
@@ -105,3 +106,12 @@ def test_what_drove_a_method_is_reported():
     assert comparison_notes({"eyes": DrivenMethod("navigator", "eyes", mixed)})[-1] == (
         "eyes: driven by different states of the code (3 episodes by bb, 1 episode by an unknown state)."
     )
+
+
+@pytest.mark.parametrize("name", ["m3depth:w$1_$2", "_mine", r"$\frac$:C"])
+def test_any_name_of_a_method_can_be_drawn(tmp_path, name, drawn_figures):
+    rows = compare_methods({name: TRUTH, "eyes": EYES})
+    plot_comparison(tmp_path / "comparison.png", rows)
+    shown = [text.get_text() for text in drawn_figures[0].legends[0].get_texts()]
+    assert [text.replace("\\$", "$").strip() for text in shown] == [f"{name} (first)", "eyes"]
+    assert (tmp_path / "comparison.png").is_file()

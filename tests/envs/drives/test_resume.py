@@ -8,6 +8,7 @@ from importlib.metadata import version
 import pytest
 from small_rivals import TINY
 
+import envs.evaluate
 from envs.drives.resume import NOTES, WEIGHTS, noted_digests, noted_runtime
 from envs.evaluate import EvaluateConfig, evaluate
 from m3depth.kinds.networks import new_network
@@ -195,3 +196,29 @@ def test_a_folder_without_a_record_of_another_network_goes_on(tmp_path, fusion):
         folder.note(others_runtime=3)
         with pytest.raises(DatasetError, match=r"evaluate\.json: others_runtime must be text, got 3"):
             noted_runtime(folder, (fusion,), "auto")
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch, when):
+    """Workers that start later would drive with another file than the evaluation notes."""
+    file = tmp_path / f"mine_{when}.py"
+    file.write_text("from envs.drivers.builtin import StraightDriver as Mine\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    config = EvaluateConfig(
+        tmp_path / "out", (f"mine_{when}:Mine",), ("ground_truth",), episodes=1, k=(0.01,), goal_distance=3.0,
+        dynamics="kinematic", videos=False, workers=1,
+    )  # fmt: skip
+    plain = envs.evaluate.drive
+
+    def driven(*args):
+        file.write_text("# another\n" + file.read_text())
+        return plain(*args)
+
+    if when == "during":
+        monkeypatch.setattr("envs.evaluate.drive", driven)
+    else:
+        begun = envs.evaluate.noted_digests
+        monkeypatch.setattr("envs.evaluate.noted_digests", lambda *args: (begun(*args), file.write_text("# x"))[0])
+    with pytest.raises(DatasetError, match=r"mine_.*.py: on .*, this is not the file that the drives began with; put"):
+        evaluate(config)
+    assert not list((tmp_path / "out" / "episodes").iterdir())

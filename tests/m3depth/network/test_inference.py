@@ -18,6 +18,7 @@ from marssim.base.camera import NATECAM
         (8192, 0.84, None, [513, 2050, 8192]),
         (2048, 0.84, 1024 * 1024, [513, 1024]),
         (2048, 0.84, 256 * 256, [256]),
+        (512, 0.84, 1000, [31]),  # not 32 x 32, which is more
         (1024, 1.6, None, [978]),  # hardly larger: not worth another pass
         (1024, 3.0, None, [1024]),
     ],

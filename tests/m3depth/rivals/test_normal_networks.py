@@ -1,5 +1,6 @@
 """What the methods for normals make of depth: geometry in closed form, true depth as input, and their losses."""
 
+import hashlib
 import json
 import math
 import re
@@ -24,6 +25,7 @@ from m3depth.rivals.output import Truth
 from m3depth.training.config import check_config
 from m3depth.training.loop import train
 from m3depth.training.run import first_network
+from marssim.base.camera import StereoRig
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -216,3 +218,24 @@ def test_true_depth_is_given_in_training_and_evaluation_and_marked_in_tables(pla
     }  # fmt: skip
     for text in (text_table(result.results), markdown_report(about, result.results, result.true_depth_normals)):
         assert "Fusion, given the true depth" in text and "without, given" not in text
+
+
+def test_true_depth_stays_what_it_is_where_a_pair_is_reduced(plane_samples) -> None:
+    network = new_network(replace(TINY["fusion"], true_depth=True)).eval()
+    sample = plane_samples[0]
+    near = StereoRig(sample.rig.camera, 6.0)  # disparities far beyond the search
+    disparity = near.depth_to_disparity(sample.depth)
+    disparity[:5], disparity[7] = np.nan, 0
+    given = network.with_truth(disparity).infer(sample.left, sample.right, near)
+    assert np.nanmax(disparity) > 1.5 * network.reach
+    np.testing.assert_array_equal(given.disparity, disparity)
+    np.testing.assert_allclose(given.depth[8:], sample.depth[8:], rtol=1e-5)
+    assert np.isnan(given.depth[:5]).all() and np.isposinf(given.depth[7]).all()
+
+
+def test_the_search_of_a_method_for_normals_ends_where_that_of_its_depth_does(tmp_path) -> None:
+    weights, network = tmp_path / "depth.safetensors", M3Depth(replace(SMALL, hypotheses=8))
+    network.save_pretrained(weights)
+    digest = hashlib.sha256(weights.read_bytes()).hexdigest()
+    fusion = new_network(replace(TINY["fusion"], depth_weights=str(weights), depth_sha256=digest))
+    assert fusion.reach == network.reach == 64 and new_network(TINY["fusion"]).reach == 192

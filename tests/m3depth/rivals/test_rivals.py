@@ -1,6 +1,7 @@
 """What holds for every rival: sizes, maps, gradients, a step of the trainer, weights on disk, and the estimator."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -213,3 +214,10 @@ def test_a_config_of_an_unknown_kind_or_field_is_refused(tmp_path) -> None:
         path.write_text(json.dumps(content))
         with pytest.raises(ValueError, match=message):
             Run(train_config(tmp_path / "run", network=path), torch.device("cpu"))
+
+
+def test_threads_may_ask_for_steps_at_once(plane_samples) -> None:
+    network, sample = new_network(TINY["raft-stereo"]).eval(), plane_samples[0]
+    with ThreadPoolExecutor(4) as pool:
+        counts = list(pool.map(lambda _: len(network.infer_steps(sample.left, sample.right, sample.rig)), range(12)))
+    assert counts == 12 * [3]

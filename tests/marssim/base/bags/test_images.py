@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.base.bags.images import ENCODINGS, image_array
+from marssim.base.bags.images import ENCODINGS, cloud_arrays, image_array
 from marssim.base.bags.library import new_message
 from marssim.base.bags.messages import header
 
@@ -79,3 +79,20 @@ def test_an_unsupported_encoding_and_missing_bytes_are_named():
     for fields in ({"data": np.zeros(9, np.uint8)}, {"step": 3}, {"width": 0}, {"height": 1 << 31, "width": 1 << 31}):
         with pytest.raises(ValueError, match="px in rgb8 need"):
             image_array(message("rgb8", packed(RGB), **{"width": 12, **fields}))
+
+
+def test_clouds_with_padded_rows_and_colours_as_whole_numbers_are_read():
+    points = RNG.normal(size=(2, 3, 3)).astype("<f4")
+    colours = RNG.integers(0, 256, (2, 3, 3), dtype=np.uint32)
+    rgb = (colours[..., 0] << 16 | colours[..., 1] << 8 | colours[..., 2]).astype("<u4")
+    rows = np.concatenate([points.view(np.uint8).reshape(2, 3, 12), rgb.view(np.uint8).reshape(2, 3, 4)], axis=2)
+    data = np.hstack([rows.reshape(2, 48), np.full((2, 5), 7, np.uint8)])
+    names = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("rgb", 12, 6)]
+    fields = [new_message("sensor_msgs/PointField", name=n, offset=o, datatype=d, count=1) for n, o, d in names]
+    cloud = new_message(
+        "sensor_msgs/PointCloud2", header=header(1, "eye"), height=2, width=3, fields=fields, is_bigendian=False,
+        point_step=16, row_step=53, data=data.ravel(), is_dense=True,
+    )  # fmt: skip
+    read, seen = cloud_arrays(cloud)
+    np.testing.assert_array_equal(read, points.reshape(-1, 3))
+    np.testing.assert_array_equal(seen, colours.reshape(-1, 3))

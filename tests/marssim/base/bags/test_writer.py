@@ -52,3 +52,22 @@ def test_without_rosbags_one_line_names_the_extra(tmp_path, monkeypatch):
             ImportError, match=r"need rosbags, which is not installed; pip install 'mars-m3depth\[real\]'"
         ):
             work(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("replace", [False, True])
+def test_a_bag_that_cannot_be_finished_does_not_appear_and_an_earlier_one_stays(tmp_path, monkeypatch, replace):
+    if replace:
+        write(tmp_path / "bag", "first")
+    bag = BagWriter(tmp_path / "bag", replace=replace)
+    bag.write("/said", 5, text_message("second"))
+    plain = bag._writer.close
+
+    def full():
+        plain()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(bag._writer, "close", full)
+    with pytest.raises(OSError, match="No space left"), bag:
+        pass
+    assert [file.name for file in tmp_path.iterdir()] == ["bag"] * replace
+    assert not replace or said(tmp_path / "bag") == ["first"]

@@ -393,3 +393,24 @@ def test_the_fisheye_flag_does_not_override_kalibr(tmp_path):
     path.write_text(kalibr_text(pair()))
     with pytest.raises(ValueError, match=r"camchain.yaml: says which lens it is of, and that is no fisheye"):
         read_raw_calibration([path], fisheye=True)
+
+
+def test_labels_of_msl_name_the_camera_model_otherwise(tmp_path):
+    wanted = rover_pair()
+    files = [tmp_path / "left.LBL", tmp_path / "right.LBL"]
+    for file, camera in zip(files, (wanted.left, wanted.right)):
+        file.write_text(detached_label(camera).replace("GEOMETRIC_CAMERA_MODEL", "GEOMETRIC_CAMERA_MODEL_PARMS"))
+    assert_same(read_raw_calibration(files), wanted)
+
+
+@pytest.mark.parametrize(("last", "fits"), [(0.0, True), (0.01, False)])
+def test_a_fifth_coefficient_of_zero_fits_into_kalibrs_file(tmp_path, last, fits):
+    wanted = pair(RadialTangential, (-0.2, 0.05, 0.001, -0.0007, last))
+    if not fits:
+        with pytest.raises(ValueError, match="four coefficients"):
+            kalibr_text(wanted)
+        return
+    (tmp_path / "camchain.yaml").write_text(kalibr_text(wanted))
+    assert_same(
+        read_raw_calibration([tmp_path / "camchain.yaml"]), pair(RadialTangential, (-0.2, 0.05, 0.001, -0.0007))
+    )

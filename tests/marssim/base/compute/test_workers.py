@@ -240,3 +240,17 @@ def test_a_cluster_whose_workers_die_is_an_error(monkeypatch):
             run_tasks(lose_the_worker, [(0,)], print, scheduler=local.scheduler_address)
         notified.set()
         del LOCAL[local.scheduler_address]
+
+
+class TwoArguments(Exception):
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(f"{one} {other}")
+
+
+def fail_with_two(_: int) -> None:
+    raise TwoArguments("my own", "mistake")
+
+
+def test_an_exception_that_no_process_can_read_keeps_its_text():
+    with pytest.raises(RuntimeError, match=r"TwoArguments: my own mistake\n(.|\n)*fail_with_two"):
+        run_tasks(fail_with_two, [(1,), (2,)], lambda task, result: None, workers=2)

@@ -47,3 +47,7 @@ def test_only_the_sign_of_the_scale_counts(scale):
 )  # fmt: skip
 def test_a_broken_file_gives_none(data):
     assert decode_pfm(data) is None
+
+
+def test_a_header_of_many_digits_is_no_pfm():
+    assert decode_pfm(b"Pf\n" + b"1" * 5000 + b" 3\n-1\n") is None
