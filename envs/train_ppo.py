@@ -83,14 +83,14 @@ class PPOConfig:
     goal_distance: float = 10.0
     """Distance from start to goal [m], 3 to 100: shorter than in evaluation, so that the policy meets goals early."""
     seed: int = 0
-    """Seed of the courses and of the policy."""
+    """Seed of the courses and of the policy, 0 to 4294967295."""
 
     def __post_init__(self) -> None:
         for name in ("max_minutes", "max_steps", "workers"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"--{name.replace('_', '-')} must be positive, got {getattr(self, name)}")
         if not 0 <= self.seed < 2**32:
-            raise ValueError(f"--seed must lie in [0, 2^32), got {self.seed}")
+            raise ValueError(f"--seed must lie in [0, 4294967295], got {self.seed}")
         CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
         load_place(self.scene)  # raises ValueError for an unknown place
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:

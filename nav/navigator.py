@@ -38,7 +38,7 @@ import numpy as np
 
 from marssim.base.angle import wrapped
 from marssim.base.camera import StereoRig
-from marssim.base.pose import recorded_pose
+from marssim.base.pose import rigid_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
@@ -158,8 +158,8 @@ class Navigator:
             between_looks: Whether the rover took no image on purpose, as it looks only once in a while. It then drives
                 on by its map as long as that shows a free way, and stops for a look where it does not; depth and
                 confidence are not read. Without it, a rover without an image stands still.
-            obeyed: Whether the rover was to carry out the last command. Where it is not, as another driver moves it,
-                that it stands still is no sign of an obstacle, and the pan no sign that the mast is broken.
+            obeyed: Whether the rover was to carry out the last command. Where it was not, as another driver moves it,
+                a rover that stands still is no sign of an obstacle.
 
         Returns:
             The command for the next step.
@@ -167,7 +167,7 @@ class Navigator:
         Raises:
             ValueError: If shapes disagree, goal or pan are not finite, or pose is no rotation and translation.
         """
-        pose, goal = recorded_pose(pose), np.asarray(goal, float)
+        pose, goal = rigid_pose(pose), np.asarray(goal, float)
         if goal.shape not in ((2,), (3,)) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")
         if not np.isfinite(pan):
@@ -175,7 +175,7 @@ class Navigator:
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._begin(pose, planar, goal[:2], pan, obeyed)
         ground_visible = between_looks or self._look(depth, confidence, rig, pose, pan)
-        if ground_visible and not between_looks:
+        if depth is not None and not between_looks:
             self.looks.note(planar, pan)
         command = self._decide(planar, goal[:2], pan, ground_visible, between_looks)
         self._last_pose, self._last_command = planar, command
@@ -199,15 +199,12 @@ class Navigator:
         # The ground under the rover carries it, seen or not.
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)
-        if not obeyed:
-            self._idle_drives = 0
-            return
         self.mast.follow(pan, self._last_command.pan)
         moved = float(np.hypot(*(planar - self._last_pose)[:2]))
         wanted = abs(self._last_command.speed) * self.config.step_time
-        if self._last_command.status == "drive" and moved < IDLE_SHARE * wanted:
+        if obeyed and self._last_command.status == "drive" and moved < IDLE_SHARE * wanted:
             self._idle_drives += 1
-        elif wanted > 0:
+        elif wanted > 0 or not obeyed:
             self._idle_drives = 0
 
     def _look(

@@ -51,6 +51,7 @@ from nav.ground.masks import Area
 from nav.navigator import Navigator
 
 DRIVE_APART = 6.0  # [m] between two images, beyond which they are no drive; marssim.generate takes them within 5 m
+ALIKE = 0.02  # [m/s], [rad/s] up to which a recorded command is that of the navigator: depth in a record is rounded
 AHEAD = (20.0, 0.0)  # [m] goal ahead and to the left of the first image of a dataset
 TRAJECTORY = "marssim.generate --trajectory makes one"  # end of the messages about views that are no drive
 
@@ -75,6 +76,9 @@ class Frame:
     """When the images were taken [s]. Only a bag needs it."""
     true_body: np.ndarray | None = None
     """(4, 4) true pose of the rover, body to world, if `camera_pose` is that of its odometry. Only a bag needs it."""
+    driven: tuple[float, float] | None = None
+    """Speed [m/s] and yaw rate [rad/s] that the rover was commanded at this frame; None if that is not known. Where the
+    navigator commands the same and the rover stood still, the rover met something that it did not see."""
 
     def body(self, spec: RoverSpec = ZHURONG) -> np.ndarray:
         """Return the pose of the rover, (4, 4) body to world, whose mount puts the camera at its pose."""
@@ -87,7 +91,7 @@ Watch = Callable[[Frame, Navigator, Command], None]
 
 def replay(
     frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None,
-    area: Area | None = None, obeyed: bool = False,
+    area: Area | None = None,
 ) -> list[Command]:  # fmt: skip
     """Return the navigator's command for each frame, until the navigator ends the drive.
 
@@ -100,19 +104,19 @@ def replay(
         spec: The rover.
         watch: Is called with frame, navigator and command after each decision.
         area: (x0, y0, x1, y1) in the world within which the rover's middle must stay [m]; None for no limit.
-        obeyed: Whether the navigator itself drove when the frames were recorded, so that between two of them its
-            command was carried out. A rover that it drove and that stood still has met something that it did not see.
 
     Raises:
         ValueError: The area is empty, or the pose of a frame is no rotation and translation.
     """
     navigator, commands = Navigator(spec, area=area), []
+    obeyed = False  # whether the rover did between two frames what the navigator commanded at the first
     for frame in frames:
         body, place = frame.body(spec), np.asarray(goal, float)
         command = navigator.step(
             frame.depth, frame.confidence, frame.rig, body, place, frame.pan, frame.depth is None, obeyed
         )
         commands.append(command)
+        obeyed = frame.driven is not None and np.allclose((command.speed, command.yaw_rate), frame.driven, atol=ALIKE)
         if watch is not None:
             watch(frame, navigator, command)
         if command.over:
@@ -180,7 +184,9 @@ def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
         if step["looked"] and depth is None:
             raise DatasetError(f"{drive.path}: steps[{n}] has no depth, although the rover looked there")
         time = n * drive.content["step_seconds"]
-        yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"], time=time, true_body=true)
+        command = step["command"]
+        driven = None if command is None else (float(command["speed"]), float(command["yaw_rate"]))
+        yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"], time=time, true_body=true, driven=driven)
 
 
 @dataclass(frozen=True)
@@ -223,11 +229,10 @@ def _work(config: ReplayConfig) -> None:
             raise ValueError(f"--scene is for a dataset; {config.data} holds one drive")
         drive = read_drive(config.data)
         frames, title, area = list(driven(drive)), config.data.name, area_of(drive)
-        obeyed = drive.content["episode"].get("driver") == "navigator"
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
     else:
         frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
-        goal, obeyed = _world(frames[0], config.goal or AHEAD), False
+        goal = _world(frames[0], config.goal or AHEAD)
     recorder = DriveRecorder(goal, ZHURONG)
     with ExitStack() as opened:
         watches: list[Watch] = []
@@ -243,7 +248,7 @@ def _work(config: ReplayConfig) -> None:
             for each in watches:
                 each(frame, navigator, command)
 
-        commands = replay(frames, goal, watch=watch, area=area, obeyed=obeyed)
+        commands = replay(frames, goal, watch=watch, area=area)
     print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
     for number, c in enumerate(commands):
         pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"

@@ -63,6 +63,7 @@ def write_results_page(
         _section(cell, content, [r for r in records if r.cell == cell], pages)
         for cell in dict.fromkeys(r.cell for r in records)
     ]
+    ends = _best_and_worst_files(records, episode_files)
     text = f"""<!doctype html>
 <html lang="en">
 <head>
@@ -81,7 +82,7 @@ def write_results_page(
 <p class="note">{escape(settings(content["driven_with"]).strip())}</p>
 {"".join(sections)}
 <p class="note">{escape(LEGEND)}</p>
-<p>{_files(out, _ends(records, episode_files))} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
+<p>{_files(out, ends)} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
 </main>
 </body>
 </html>
@@ -139,7 +140,7 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, inspect</a></td>'
 
 
-def _ends(records: Sequence[EpisodeRecord], files: Sequence[str]) -> dict[str, str | None]:
+def _best_and_worst_files(records: Sequence[EpisodeRecord], files: Sequence[str]) -> dict[str, str | None]:
     """Return the names of the records' files of the best and of the worst drive, by their films; None for no drive."""
     if not records:
         return {}
@@ -148,7 +149,12 @@ def _ends(records: Sequence[EpisodeRecord], files: Sequence[str]) -> dict[str, s
 
 
 def _files(out: Path, ends: Mapping[str, str | None]) -> str:
-    """Return links to the other files of the evaluation; ends: see _ends, as those of an earlier run may lie there."""
+    """Return links to the other files of the evaluation.
+
+    Args:
+        out: Its folder, in which films of an earlier run with other drives may lie.
+        ends: Of _best_and_worst_files.
+    """
     noted = out / FILMED
     filmed = read_json(noted) if noted.is_file() else {}
     names = ["results.json", "results.md", "success.png"]

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from m3depth.figures.drawing import method_styles, save
+from m3depth.figures.drawing import method_styles, plain_label, save
 
 MANY = 12  # lines of a legend; more of them are written small. With more methods, the figure is larger instead.
 
@@ -42,7 +42,7 @@ def interval_figure(
             centres = [(r["from_m"] + r["to_m"]) / 2 for r in rows]
             values = [r["pooled"][key] ** (2 if key == "rmse" else 1) * (100 if key == "bad1" else 1) for r in rows]
             ax.plot(centres, values, ms=5, lw=1.3 if many else 1.8, ls="--" if name in untrained else "-",
-                    label=name, **style)  # fmt: skip
+                    label=plain_label(name), **style)  # fmt: skip
         if fb and key == "mae":
             z = np.linspace(0.8, 15, 100)
             for pixels in (0.25, 1.0):
@@ -133,7 +133,7 @@ def sparsification_figure(results: dict[str, dict[str, Any]], path: Path) -> Non
             if not curve:
                 continue
             dropped = 100 * np.array(curve["dropped"])
-            ax.plot(dropped, unit * np.array(curve[key]), ms=4, lw=1.8, label=name, **style)
+            ax.plot(dropped, unit * np.array(curve[key]), ms=4, lw=1.8, label=plain_label(name), **style)
             ax.plot(dropped, unit * np.array(curve[f"oracle_{key}"]), color=style["color"], lw=1.2, ls="--")
         ax.set_xlabel("least confident pixels dropped [%]")
         ax.set_ylabel(label)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.rock_scores import OBSTACLE
-from m3depth.figures.drawing import METHOD_COLOURS, save
+from m3depth.figures.drawing import METHOD_COLOURS, plain_label, save
 
 
 def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
@@ -76,7 +76,7 @@ def _centimetres(length: float | None) -> float:
 def _bars(ax: Axes, labels: list[str], values: Mapping[str, list[float]]) -> None:
     place, width = np.arange(len(labels)), 0.8 / len(values)
     for i, ((name, heights), colour) in enumerate(zip(values.items(), cycle(METHOD_COLOURS))):
-        ax.bar(place + (i + 0.5) * width - 0.4, heights, width=0.92 * width, color=colour, label=name)
+        ax.bar(place + (i + 0.5) * width - 0.4, heights, width=0.92 * width, color=colour, label=plain_label(name))
     ax.set_xticks(place, labels, fontsize=8)
     ax.set_xlim(-0.5, len(labels) - 0.5)
     ax.spines[["top", "right"]].set_visible(False)

@@ -66,6 +66,18 @@ def recorded_pose(value: Any) -> np.ndarray:
         (4, 4) camera to world.
 
     Raises:
+        ValueError: It is no rotation and translation, or lies beyond FARTHEST. One line that begins with "pose".
+    """
+    pose = rigid_pose(value)
+    if np.abs(pose[:3, 3]).max() > FARTHEST:
+        raise ValueError(f"pose must lie within {FARTHEST:g} m of the origin")
+    return pose
+
+
+def rigid_pose(value: Any) -> np.ndarray:
+    """Return a pose, (4, 4), of an array or of lists of numbers.
+
+    Raises:
         ValueError: It is no rotation and translation. One line that begins with "pose".
     """
     try:
@@ -78,6 +90,4 @@ def recorded_pose(value: Any) -> np.ndarray:
     rigid = np.abs(turn).max() < 2 and np.abs(turn @ turn.T - np.eye(3)).max() < RIGID and np.linalg.det(turn) > 0
     if not rigid or not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise ValueError("pose must be a rotation and a translation above the row 0 0 0 1")
-    if np.abs(pose[:3, 3]).max() > FARTHEST:
-        raise ValueError(f"pose must lie within {FARTHEST:g} m of the origin")
     return pose

@@ -84,12 +84,12 @@ def draw_trajectory(
     height, pitch = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.pitch_deg))
     strides = int(np.ceil(config.step / LONGEST_STRIDE))
     obstacles = obstacle_discs(scene)
-    eye = look_pose(np.array([0, 0, height]), 0.0, pitch)
+    eye, beside = look_pose(np.array([0, 0, height]), 0.0, pitch), 0.0
     if mast is not None:
         x, y = ZHURONG.mount.left_eye(mast.baseline, mast.pan)[:2, 3]
-        eye = look_pose(np.array([x, y, height]), mast.pan, pitch)
+        eye, beside = look_pose(np.array([x, y, height]), mast.pan, pitch), float(np.hypot(x, y))
     for _ in range(TRIES):
-        path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng)
+        path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng, beside)
         if path is not None:
             bodies = [stand_on(scene, *state) for state in path[::strides]]
             return np.stack([body @ eye for body in bodies])
@@ -142,14 +142,17 @@ def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
 
 
 def _draw_path(
-    scene: Scene, obstacles: np.ndarray, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator
-) -> list | None:
+    scene: Scene, obstacles: np.ndarray, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator,
+    beside: float,
+) -> list | None:  # fmt: skip
     """Draw strides + 1 states (x, y, yaw), `stride` [m] apart; return None where the path ends at an obstacle.
+
+    The camera stands `beside` [m] from the path, which keeps as much farther from the borders.
 
     Each stride takes the curvature that stays free for longest. Among equals, it takes the one nearest to a random
     curvature that varies smoothly over a few metres.
     """
-    reach = CAMERA_EXTENT * scene.half
+    reach = CAMERA_EXTENT * scene.half - beside
     x, y = rng.uniform(-reach, reach, 2)
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
     waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]

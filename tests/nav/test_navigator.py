@@ -118,6 +118,12 @@ def test_a_rover_without_depth_stands_still(depth):
     assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
 
 
+def test_poses_may_lie_far_from_the_origin_as_those_of_a_map_projection():
+    pose = body_pose(5e5, 4.2e6, 0)
+    depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    assert Navigator().step(depth, None, SMALL_RIG, pose, pose[:2, 3] + (20, 0)).status == "drive"
+
+
 def test_an_image_that_was_lost_counts_as_no_look():
     navigator = Navigator()
     navigator.step(None, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
@@ -125,6 +131,9 @@ def test_an_image_that_was_lost_counts_as_no_look():
     depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
     navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
     assert navigator.looks.cover(np.zeros(3), 0.0)
+    navigator = Navigator()
+    navigator.step(np.full((192, 192), np.nan), None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    assert navigator.looks.cover(np.zeros(3), 0.0)  # it was taken, and shows nothing
 
 
 @pytest.mark.parametrize("distance", [3.5, 4.0, 20.0])

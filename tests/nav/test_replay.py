@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,8 +108,16 @@ def test_frames_close_to_each_other_and_pauses_are_no_obstacles():
     close = [Frame(RockWorld().depth(SMALL_RIG, eye), None, SMALL_RIG, eye) for eye in eyes]
     commands = replay(close, (20.0, 0.0), watch=lambda frame, navigator, command: seen.append(navigator))
     assert [command.status for command in commands] == 12 * ["drive"] and not seen[-1].recovery.bumps
-    replay(close, (20.0, 0.0), watch=lambda frame, navigator, command: seen.append(navigator), obeyed=True)
-    assert seen[-1].recovery.bumps
+    own = [replace(f, driven=(c.speed, c.yaw_rate)) for f, c in zip(close, commands, strict=True)]
+    replay(own, (20.0, 0.0), watch=lambda frame, navigator, command: seen.append(navigator))
+    assert seen[-1].recovery.bumps  # the rover was to drive so, and stood still
+
+
+def test_a_replay_does_not_wait_for_a_pan_that_the_recording_never_reaches():
+    eyes = [body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)] * 12
+    still = [Frame(RockWorld().depth(SMALL_RIG, eye), None, SMALL_RIG, eye) for eye in eyes]
+    statuses = [command.status for command in replay(still, (-20.0, 0.0))]
+    assert statuses.count("look") <= 2 and "turn" in statuses
 
 
 def test_a_replay_ends_at_the_goal():

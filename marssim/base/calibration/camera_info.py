@@ -50,7 +50,10 @@ class CameraInfo:
 
 def is_camera_info(text: str) -> bool:
     """Tell whether a text looks like a CameraInfo."""
-    return _PROJECTION.search(text) is not None and re.search(r"^\s*(image_)?width\s*:", text, re.MULTILINE) is not None
+    return (
+        _PROJECTION.search(text) is not None
+        and re.search(r"^[ \t]*(image_)?width[ \t]*:", text, re.MULTILINE) is not None
+    )
 
 
 def parse_camera_info(text: str) -> CameraInfo:
@@ -134,7 +137,7 @@ def _matrix(text: str, pattern: re.Pattern[str], name: str, shape: tuple[int, in
 
 
 def _items(match: re.Match[str]) -> list[str]:
-    """Return the items of a matched _LIST, whatever they are."""
+    """Return the items of a matched _LIST, without checking that they are numbers."""
     if match[1] is not None:
         return match[1].replace(",", " ").split()
     return re.findall(r"-[ \t]+(\S+)", match[2])

@@ -202,7 +202,7 @@ def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
 
 
 def _from_middlebury(text: str) -> Calibration:
-    content = dict(re.findall(r"^\s*(\w+)\s*=\s*(.+?)\s*$", text, re.MULTILINE))
+    content = dict(re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*(\S.*?)[ \t\r]*$", text, re.MULTILINE))
     for name in ("cam0", "baseline"):
         if name not in content:
             raise ValueError(f"field {name} is missing")
