@@ -18,12 +18,11 @@ from marssim.render.renderers.by_name import make_renderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.own_rover import draw_pan, draw_pose_of_rover, rover_below
+from marssim.scene.own_rover import ROVER_DRAWS, draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.scene import Scene, build_scene
 from marssim.scene.trajectory import TRAJECTORY, Mast, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
-ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from all other draws of a view
 RAW_DRAWS = 0x726177  # separates the noise of the raw images
 
 

@@ -26,13 +26,12 @@ from marssim.render.renderers.by_name import RendererName, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
-from marssim.scene.own_rover import draw_pan, draw_pose_of_rover, rover_below
+from marssim.scene.own_rover import ROVER_DRAWS, draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.scene import Scene
 from marssim.scene.trajectory import Mast
 from marssim.scene.viewpoint import ViewConfig, draw_pose, pose_on_ground
 
 PITCH_DEG = 20.0  # [deg] how far NaTeCam looks down on the rover's mast
-ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from those of a scene that is drawn from the same seed
 HEIGHT = 1.2  # [m] height of NaTeCam above the ground
 
 

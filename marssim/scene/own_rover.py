@@ -9,6 +9,8 @@ from marssim.scene.scene import Scene
 from marssim.scene.trajectory import Mast, obstacle_discs, stand_on
 from marssim.scene.viewpoint import TRIES, ViewConfig, draw_pose
 
+ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from all others of a seed: of a view and of its scene
+
 
 def draw_pan(view: ViewConfig, rng: np.random.Generator) -> float | None:
     """Draw whether the rover is there, and the pan of its mast.
