@@ -2,6 +2,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drivers.driver import Stop
@@ -162,6 +163,14 @@ def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_cours
     assert 1.0 < record.distance < 1.8
 
 
+class Unreadable:
+    def __array__(self, *args, **kwargs):
+        raise RuntimeError("no array here\nfor two reasons")
+
+    def __repr__(self):
+        raise RuntimeError("no text here")
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -169,6 +178,14 @@ def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_cours
         ([1.0, 0.0], r"^driver 'mine': action must be of shape \(3,\), got \[1\.0, 0\.0\]$"),
         ("left", r"^driver 'mine': action must be numbers of shape \(3,\), got 'left'$"),
         ([np.nan, 0.0, 0.0], r"^driver 'mine': action must be finite, got \[nan, 0\.0, 0\.0\]$"),
+        (["1", "0", "0"], r"^driver 'mine': action must be numbers of shape \(3,\), got \['1', '0', '0'\]$"),
+        ([1j, 0, 0], r"^driver 'mine': action must be numbers of shape \(3,\), got \[1j, 0, 0\]$"),
+        (np.ma.masked_invalid([np.nan, 0, 0]), r"^driver 'mine': action must be finite, got masked_array"),
+        (
+            torch.ones(3, requires_grad=True),
+            r"^driver 'mine': action must be numbers .* got tensor.*: Can't call numpy",
+        ),
+        (Unreadable(), r"^driver 'mine': action must be numbers of shape \(3,\), got Unreadable: no array here$"),
     ],
 )
 def test_an_answer_that_is_no_action_names_the_driver(env, answer, message):
