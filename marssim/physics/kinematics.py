@@ -7,6 +7,7 @@ form.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -113,8 +114,10 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
         yaw: Heading [rad], counter-clockwise from east.
 
     Raises:
-        ValueError: The place is outside the finely gridded square.
+        ValueError: The place is outside the finely gridded square, or the heading is not finite.
     """
+    if not math.isfinite(yaw):
+        raise ValueError(f"yaw must be finite [rad], got {yaw}")
     support, shape = support_of(surface, spec), _footprint(spec)
     if not support.contains(x, y):
         raise ValueError(f"x={x:.2f}, y={y:.2f} is outside the scene's fine square")
@@ -198,7 +201,7 @@ class KinematicRover:
             support: The scene's map, if it has been built already.
 
         Raises:
-            ValueError: The place is outside the finely gridded square.
+            ValueError: The place is outside the finely gridded square, or a number is not finite.
         """
         self.spec = spec
         self.support = support or support_of(scene, spec)
@@ -222,7 +225,15 @@ class KinematicRover:
 
         Returns:
             The state at the end.
+
+        Raises:
+            ValueError: A number is not finite, or the duration is negative.
         """
+        if not np.isfinite([speed, yaw_rate, seconds, lateral]).all() or seconds < 0:
+            raise ValueError(
+                f"drive_twist needs finite speeds and a finite time of 0 or more, got speed={speed}, "
+                f"yaw_rate={yaw_rate}, seconds={seconds}, lateral={lateral}"
+            )
         substeps = max(1, int(np.ceil(seconds / SUBSTEP - 1e-9)))
         start, current = self._settled, self._settled
         self._contacts, travelled, settled, stopped = Contacts(), 0.0, 0.0, True

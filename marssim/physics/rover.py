@@ -41,8 +41,8 @@ class Rover:
                 soils, or on the soil of this name everywhere.
 
         Raises:
-            ValueError: The place is outside the fine square, or there is no such ground. Nothing has been added to the
-                world then.
+            ValueError: The place is outside the fine square, there is no such ground, or a rover in this world slips
+                where this one does not, or the other way round. Nothing has been added to the world then.
         """
         if ground is not None:
             check_ground(ground)
@@ -54,6 +54,7 @@ class Rover:
         self._still_since = 0.0
         self._still_at: np.ndarray | None = None
         settled = settle(world.support, self.spec, x, y, yaw)
+        world.note_rover(ground is not None)
         self._to_middle = np.array([0.0, 0.0, chassis_middle(self.spec)])
         self._body = self._load(settled.pose)
         self._index = self._joint_indices()
@@ -129,6 +130,7 @@ class Rover:
         self.world.unwatch(self._update, self._record_contacts)
         if self.soil is not None:
             self.soil.remove()
+        self.world.forget_rover()
 
     def close(self) -> None:
         """Close the world that the rover is in."""

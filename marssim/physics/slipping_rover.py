@@ -56,8 +56,8 @@ class SlippingRover(KinematicRover):
         """Turn the wheels for an arc, and move as far along it as they grip; see KinematicRover.drive_twist."""
         self._slippage = Slippage()
         self._turning = (speed, yaw_rate, lateral)
-        if not any(self._turning):
-            return super().drive_twist(0.0, 0.0, seconds)
+        if not any(self._turning) or not np.isfinite([*self._turning, seconds]).all() or seconds < 0:
+            return super().drive_twist(speed, yaw_rate, seconds, lateral)  # which refuses what it cannot drive
         rims = self._traction.rims(speed, yaw_rate, lateral)
         pieces = max(1, int(np.ceil(seconds / INTERVAL - 1e-9)))
         for _ in range(pieces):

@@ -65,7 +65,7 @@ class PhysicsWorld:
         self._steps_owed, self._resting = 0.0, False
         self._rest_checks: list[Callable[[], bool]] = []
         self._step_callbacks: list[Callable[[], None]] = []
-        self._slipping_rovers = 0
+        self._rovers, self._rovers_slip = 0, False
         try:
             self._build()
         except BaseException:
@@ -105,14 +105,27 @@ class PhysicsWorld:
         answers = [is_at_rest() for is_at_rest in self._rest_checks]  # a list, so that every function is called
         self._resting = bool(answers) and all(answers)
 
-    def note_slipping_rover(self, change: int) -> None:
-        """Note that a rover was added (1) or removed (-1) that slips: with one, the ground has no friction of its own.
+    def note_rover(self, slips: bool) -> None:
+        """Note that a rover is added. Where it slips, the ground has no friction of its own: the soil pushes it.
 
         Args:
-            change: By how much their number changes.
+            slips: Whether its wheels slip.
+
+        Raises:
+            ValueError: A rover in this world slips where this one does not, or the other way round.
         """
-        self._slipping_rovers += change
-        friction = 0.0 if self._slipping_rovers else GROUND_FRICTION
+        if self._rovers and slips != self._rovers_slip:
+            raise ValueError("all rovers of one PhysicsWorld slip, or none: give each the same kind of `ground`")
+        self._rovers, self._rovers_slip = self._rovers + 1, slips
+        self._set_friction()
+
+    def forget_rover(self) -> None:
+        """Note that a rover was removed."""
+        self._rovers -= 1
+        self._set_friction()
+
+    def _set_friction(self) -> None:
+        friction = 0.0 if self._rovers and self._rovers_slip else GROUND_FRICTION
         self.bullet.changeDynamics(self.ground, -1, lateralFriction=friction, physicsClientId=self.client)
 
     def watch(self, is_at_rest: Callable[[], bool], after_step: Callable[[], None]) -> None:

@@ -32,7 +32,7 @@ class SoilForces:
         middle: np.ndarray,
         ground: GroundName,
     ) -> None:
-        """Take the friction off the ground, and push the wheels from now on.
+        """Push the wheels from now on, on ground that has no friction (PhysicsWorld.note_rover).
 
         Args:
             world: The world of the rover.
@@ -49,7 +49,6 @@ class SoilForces:
         self._grip: Grip | None = None
         self._steps = 0
         self.slippage = Slippage()
-        world.note_slipping_rover(1)
         self.apply()
         world.watch(self.is_at_rest, self.apply)
 
@@ -62,9 +61,8 @@ class SoilForces:
         return True
 
     def remove(self) -> None:
-        """Stop pushing. The last rover that slips gives the ground its friction back."""
+        """Stop pushing."""
         self._world.unwatch(self.is_at_rest, self.apply)
-        self._world.note_slipping_rover(-1)
 
     def apply(self) -> None:
         """Push the wheels in the next step, and count the step for the sums of the drive."""

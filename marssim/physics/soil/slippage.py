@@ -10,6 +10,7 @@ from marssim.physics.soil.traction import Balance
 
 EFFICIENCY = 0.4  # of motors and gears together; chosen
 DRIVE_FRICTION = 1.0  # [N m] torque of a wheel that turns freely; chosen
+LEAST_WAY = 5e-3  # [m] of the rims, from which on slip is a share of it
 
 
 @dataclass
@@ -33,8 +34,12 @@ class Slippage:
 
     @property
     def slip(self) -> float:
-        """Share of the rims' way that the rover did not make; 0 if the wheels stood, below 0 if it slid further."""
-        return 1 - self.made / self.turned if self.turned > 0 else 0.0
+        """Share of the rims' way that the rover did not make, below 0 if it slid further.
+
+        0 if the rims made less than LEAST_WAY: while wheels brake, they still turn by a millimetre, of which no share
+        says how they grip.
+        """
+        return 1 - self.made / self.turned if self.turned >= LEAST_WAY else 0.0
 
     @property
     def sinkage(self) -> float:

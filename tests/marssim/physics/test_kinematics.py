@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from marssim.base.rover_spec import ZHURONG
 from marssim.physics.kinematics import KinematicRover, collides, settle
+from marssim.physics.slipping_rover import SlippingRover
 from marssim.physics.state import Contacts
 from marssim.physics.support import SupportMap
 from marssim.scene.presets import preset
@@ -105,3 +106,20 @@ def test_on_rough_ground_every_wheel_stands_on_something():
     places = [settle(support, ZHURONG, *rng.uniform(-4, 4, 2), rng.uniform(-3, 3)) for _ in range(60)]
     assert np.median([place.residual for place in places]) < 1e-3
     assert np.median([place.clearance for place in places]) > 0.15
+
+
+@pytest.mark.parametrize("kind", [KinematicRover, SlippingRover])
+@pytest.mark.parametrize(
+    "drive", [(np.nan, 0.0, 2.0), (0.1, np.inf, 2.0), (0.1, 0.0, np.nan), (0.1, 0.0, -2.0), (0.0, 0.0, 2.0, np.nan)]
+)
+def test_drives_that_are_not_finite_or_take_negative_time_are_refused(make_scene, kind, drive):
+    rover = kind(make_scene(half=3.0), ZHURONG, 0.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match=r"^drive_twist needs finite speeds and a finite time of 0 or more"):
+        rover.drive_twist(*drive)
+    np.testing.assert_array_equal(rover.state().position[:2], 0)
+    assert np.isfinite(rover.joints().spin).all()
+
+
+def test_a_heading_that_is_not_finite_is_refused(make_scene):
+    with pytest.raises(ValueError, match=r"^yaw must be finite"):
+        KinematicRover(make_scene(half=3.0), ZHURONG, 0.0, 0.0, np.nan)

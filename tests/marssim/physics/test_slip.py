@@ -147,6 +147,31 @@ def test_physics_on_soil_is_deterministic_and_can_be_removed(slope):
 
 
 @needs_bullet
+def test_a_step_in_which_the_wheels_only_brake_has_no_slip(slope):
+    with PhysicsWorld(slope(0), ZHURONG) as world:
+        rover = Rover(world, 0.0, 0.0, 0.0, "sand")
+        for speed, least, most in ((SPEED, 0.02, 0.2), (0.0, 0.0, 0.0)):
+            command = wheel_command(speed, 0.0)
+            rover.drive(command.speeds, command.angles)
+            world.step(SECONDS)
+            assert rover.soil.slippage.turned > 0
+            assert least <= rover.soil.slippage.slip <= most
+
+
+@needs_bullet
+@pytest.mark.parametrize("grounds", [(None, "sand"), ("sand", None)])
+def test_a_rover_that_slips_and_one_that_does_not_cannot_share_a_world(slope, grounds):
+    with PhysicsWorld(slope(0), ZHURONG) as world:
+        first = Rover(world, 0.0, 0.0, 0.0, grounds[0])
+        bodies = world.bullet.getNumBodies(physicsClientId=world.client)
+        with pytest.raises(ValueError, match=r"^all rovers of one PhysicsWorld slip, or none"):
+            Rover(world, 3.0, 0.0, 0.0, grounds[1])
+        assert world.bullet.getNumBodies(physicsClientId=world.client) == bodies
+        first.remove()
+        Rover(world, 3.0, 0.0, 0.0, grounds[1])
+
+
+@needs_bullet
 def test_without_the_rover_that_slips_the_ground_has_friction_again(slope):
     with PhysicsWorld(slope(8), ZHURONG) as world:
         first, second = (Rover(world, x, 0.0, 0.0, "sand") for x in (0.0, 4.0))
