@@ -156,8 +156,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `runtime`: the program that runs M3Depth: "pytorch", "openvino" (on the CPU, with the extra `fast`), or "auto",
     which is OpenVINO if it is installed and there is no GPU. Their disparities differ by some thousandths of a pixel.
 
-    `drift`, `yaw_drift_deg`: standard deviations of the odometry's error in position [m] and heading [deg] after 1 m;
-    they grow with the root of the way. `goal` and `map` follow the rover's belief; reward and episode end are true.
+    `drift`, `yaw_drift_deg`: standard deviations of the odometry's errors in position along each axis [m] and heading
+    [deg] after 1 m; they grow with the root of the way. `goal` and `map` follow them; reward and episode end are true.
 
     `slip`: None (default) for wheels that do not slip; "scene" for wheels that slip and sink in the sand, crust and
     bedrock that the scene shows; "sand", "crust" or "bedrock" for one of them everywhere; or an
@@ -243,7 +243,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
             gymnasium.logger.warn(FALLBACK_NOTE)
         self.rover_spec, self.mast = ZHURONG, mast
         numbers = dict(goal_distance=goal_distance, k=k, slope_deg=slope_deg, sun_elevation_deg=sun_elevation_deg)
-        self.draws = EpisodeDraws(known_scene(scene), eyes or EyesConfig(), numbers, slip, condition)
+        self.draws = EpisodeDraws(known_scene(scene), EyesConfig() if eyes is None else eyes, numbers, slip, condition)
         self.episodes_per_scene = episodes_per_scene
         self.perception = Perception(perception, renderer, None, disparity_noise, align_rows, runtime)
         self.gaze = Gaze(self.perception, self.rover_spec)
@@ -286,11 +286,15 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
             self.course = another_course(self.course, self.settings.course, self.np_random)
         else:
             self.settings = self.draws.draw(self._draw_rng).with_options(options or {})
-            self._close_course()
+            self.close()
             self.course = draw_course(self.settings.scene, self.settings.course, self.rover_spec, self.np_random)
             self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
             self._episodes_left = 0 if options else self.episodes_per_scene - 1
-        return self._begin(self.course, self.settings)
+        try:
+            return self._begin(self.course, self.settings)
+        except BaseException:
+            self.close()  # a drive that is half begun cannot go on
+            raise
 
     def _begin(self, course: Course, settings: EpisodeSettings) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Put the rover on the start of a course, start counting, and look once."""
@@ -305,8 +309,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         if self.map_view is not None:
             self.map_view.start(self.believed_pose)
         self.referee = Referee(course, self.rover_spec, settings.course.goal_distance)
-        self._steps = 0
-        self.outcome = "driving"
+        self._steps, self.outcome = 0, "driving"
         self.last_action = np.zeros(3 if self.mast else 2, dtype=np.float32)
         self.way = WayDriven(course, self._obstacle_clearance, self._place())
         self.gaze.begin(self.vehicle.state())
@@ -364,9 +367,6 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     def close(self) -> None:
         """Free physics and renderer; may be called twice."""
-        self._close_course()
-
-    def _close_course(self) -> None:
         self.perception.close()
         if self.vehicle is not None:
             self.vehicle.close()

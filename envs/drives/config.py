@@ -119,8 +119,8 @@ class EvaluateConfig:
     align_rows: bool = True
     """Align the rows of the two images where they lie significantly apart, before the perception sees them."""
     drift: float = 0.0
-    """Error of the position by the rover's odometry: its standard deviation after 1 m of driving [m], 0 to 1. It grows
-    with the root of the distance: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
+    """Error of the position by the rover's odometry: its standard deviation along each axis after 1 m of driving [m],
+    0 to 1. It grows with the root of the distance: 0.02 is 2 cm after 1 m and 9 cm after 20 m."""
     yaw_drift_deg: float = 0.0
     """Error of the heading by the rover's odometry: its standard deviation after 1 m of driving [deg], 0 to 45. It
     grows with the root of the distance."""

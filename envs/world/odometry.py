@@ -12,8 +12,8 @@ class Odometry:
     that they turn without moving the rover is counted too, unless it is measured.
 
     Attributes:
-        drift: Standard deviation of the position error after 1 m, as a share of the way. It grows with the root of the
-            way: 2 % is 2 cm after 1 m and 9 cm after 20 m.
+        drift: Standard deviation of the position's error along each axis after 1 m [m]. It grows with the root of the
+            way: 0.02 is 2 cm along each axis after 1 m and 9 cm after 20 m.
         yaw_drift: Standard deviation of the heading's error after 1 m [rad]; it grows likewise.
     """
 

@@ -10,6 +10,7 @@ import numpy as np
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import errors_of
 from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
+from m3depth.runtimes.choice import check_runtime
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.compute.one_thread import one_thread_in_workers, several_threads
@@ -65,11 +66,12 @@ def load_perception(perception: str | Estimator, runtime: str = "auto") -> Estim
         runtime: Program that runs M3Depth, as MarsNavEnv takes it.
 
     Raises:
-        ValueError: If the name is unknown; it lists the known ones.
+        ValueError: If the name or the runtime is unknown; it lists the known ones.
         FileNotFoundError: If a file of weights is missing.
         ImportError: If OpenVINO is asked for and not installed.
     """
     if isinstance(perception, str) and perception == GROUND_TRUTH:
+        check_runtime(runtime)
         return None
     return load_estimator(perception, "`perception`", (GROUND_TRUTH,), runtime=runtime)
 

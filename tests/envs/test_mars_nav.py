@@ -23,6 +23,8 @@ from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig
+from envs.world.user_code import UserCodeError
+from m3depth.stereo.prediction import Prediction
 from marssim.scene.place_file import save_place
 
 AHEAD, LEFT = np.array([1, 0], np.float32), np.array([0.5, 0.3], np.float32)
@@ -417,6 +419,8 @@ def test_bad_options_are_named(make_env, options, named):
         ({"goal_distance": 0.0}, "goal_distance"), ({"k": (0.2, 0.1)}, "^k must have the lower end of its range first"),
         ({"episodes_per_scene": 0}, "^episodes_per_scene must be a whole number of 1 or more, got 0"),
         ({"episodes_per_scene": True}, "^episodes_per_scene must be"),
+        ({"eyes": 0}, "^eyes must be an EyesConfig of envs.world.eyes, got 0"),
+        ({"runtime": "magic"}, "^`runtime` 'magic' is unknown; choose from auto, pytorch, openvino$"),
         ({"eyes": "storm"}, "^eyes must be an EyesConfig of envs.world.eyes, got 'storm'"),
         ({"perception": 5}, "`perception` 5 has no method infer"),
         (
@@ -506,6 +510,28 @@ def test_a_closed_environment_can_be_closed_again_and_needs_a_reset(make_env):
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.render()
     env.reset(seed=0)
+    env.step(AHEAD)
+
+
+@pytest.mark.parametrize("settings", [{}, {"condition": {"look_every": 4.0}}, {"episodes_per_scene": 3}])
+def test_after_a_reset_in_which_the_perception_raised_another_one_is_needed(make_env, settings):
+    class Blind:
+        looks = 0
+
+        def infer(self, left, right, rig):
+            self.looks += 1
+            if self.looks == 2:
+                raise RuntimeError("no light")
+            depth = np.full(left.shape[:2], 4.0, np.float32)
+            return Prediction(depth, rig.fb / depth, None, np.ones_like(depth))
+
+    env = make_env(perception=Blind(), **settings)
+    env.reset(seed=0)
+    with pytest.raises(UserCodeError, match="no light"):
+        env.reset()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(AHEAD)
+    env.reset()
     env.step(AHEAD)
 
 
