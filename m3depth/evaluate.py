@@ -280,7 +280,7 @@ def dependencies(
         runtime: What runs the networks, as recorded_runtime returns it.
     """
     pairs = chosen_pairs(dataset, options.limit)
-    recorded = {text: RecordedPredictions.parse(text)[1] for text in options.predictions}
+    recorded = {text: RecordedPredictions.parse(text)[1].of_pairs(pairs) for text in options.predictions}
     calib = options.reader.calib
     return {
         "--data": [str(options.data.resolve()), state_of_pairs(dataset)],

@@ -3,12 +3,13 @@
 A folder DIR holds a map of the left image for every pair, at the pair's size, under one of these names. `scene/view`
 is the pair's name in the dataset (00001/03; in KITTI a number, 000011), NUMBER its place in the split, from 000000:
 
-    scene/view.EXT    scene_view.EXT    NAME_10.EXT    NUMBER_10.EXT    NUMBER.EXT
+    scene/view.EXT    scene_view.EXT    scene_view_10.EXT
+    view.EXT          view_10.EXT                            where no two pairs have the same last part
+    NUMBER.EXT        NUMBER_10.EXT                          where no name of a pair ends with a number of six digits
 
 or a folder of that name that holds disparity.EXT, left_disparity.EXT or depth.EXT, as m3depth.predict writes it. These
 are the names under which marssim.export writes the images (ETH3D, Middlebury and OpenStereo: scene_view; KITTI:
-NUMBER_10). Either all files of a folder have the pairs' names, or all have their places; a pair whose name is a number
-is found by its name alone. EXT is the first of these that exists:
+NUMBER_10). All files of a folder are named in the same of these three ways. EXT is the first of these that exists:
 
     npy               numbers of any kind
     pfm, tiff, tif    float
@@ -23,7 +24,7 @@ folder, normal.npy and confidence.npy.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -38,6 +39,8 @@ from marssim.base.files.npy import read_npy
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")  # of files of maps; the first that exists is read
 IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}  # names in a pair's own folder
+PLACE_DIGITS = 6  # of a file's name that is its pair's place in the split
+Naming = Literal["name", "last", "place"]
 FORM = "NAME=DIR[,depth][,scale=S][,fill]"  # of --predictions
 
 
@@ -55,12 +58,15 @@ class RecordedPredictions:
         scale: Stored number of 1 px or 1 m; None: 1, and for 16-bit PNG 256 or 1000. RAFT-Stereo and Pandora store
             negative disparities, scale -1.
         fill: Whether unknown pixels are filled from the background, as those of the classical baselines are.
+        naming: Whether files have the pairs' names, the last parts of these, or the pairs' places; None until
+            `of_pairs` has looked.
     """
 
     folder: Path
     kind: Literal["disparity", "depth"] = "disparity"
     scale: float | None = None
     fill: bool = False
+    naming: Naming | None = None
 
     @classmethod
     def parse(cls, text: str) -> tuple[str, RecordedPredictions]:
@@ -92,6 +98,26 @@ class RecordedPredictions:
                 raise ValueError(f"{text}: {setting!r} is none of depth, disparity, scale=S, fill")
         return name, cls(Path(folder), kind, scale, "fill" in settings)
 
+    def of_pairs(self, pairs: Sequence[tuple[str, int]]) -> RecordedPredictions:
+        """Return these maps with the naming of their files, once every pair (name, number) has its file.
+
+        Raises:
+            FileNotFoundError: The folder or the file of a pair is missing.
+        """
+        if not self.folder.is_dir():
+            raise FileNotFoundError(f"{self.folder}: no such folder")
+        namings = _namings([pair for pair, _ in pairs])
+        for naming in namings:
+            if any(self._first(_names(*pair, naming)) for pair in pairs):
+                break
+        else:
+            naming = None
+        maps = replace(self, naming=naming)
+        for pair, number in pairs:
+            if maps._first(maps._tried(pair, number, namings)) is None:
+                raise self._missing(pair, maps._tried(pair, number, namings))
+        return maps
+
     def find(self, pair: str, number: int) -> Path:
         """Return the file of a pair.
 
@@ -102,25 +128,15 @@ class RecordedPredictions:
         Raises:
             FileNotFoundError: There is none; the message lists the names that were tried.
         """
-        by_name, by_place = _names(pair, number)
-        path = self._first(by_name) or self._first(by_place)
+        tried = self._tried(pair, number, _namings([pair]))
+        path = self._first(tried)
         if path is None:
-            raise self._missing(pair, [*by_name, *by_place])
+            raise self._missing(pair, tried)
         return path
 
-    def check(self, pairs: Sequence[tuple[str, int]]) -> None:
-        """Check that every pair (name, number) has its file, all by name or all by place.
-
-        Raises:
-            FileNotFoundError: The folder or the file of a pair is missing.
-        """
-        if not self.folder.is_dir():
-            raise FileNotFoundError(f"{self.folder}: no such folder")
-        named = any(self._first(_names(pair, number)[0]) for pair, number in pairs)
-        for pair, number in pairs:
-            by_name, by_place = _names(pair, number)
-            if self._first(by_name if named else by_place) is None:
-                raise self._missing(pair, by_name if named else [*by_name, *by_place])
+    def _tried(self, pair: str, number: int, namings: Sequence[Naming]) -> list[str]:
+        """Return the names that a pair's file may have: those of the naming, or of all namings before it is known."""
+        return [name for naming in ([self.naming] if self.naming else namings) for name in _names(pair, number, naming)]
 
     def read(self, pair: str, number: int, rig: StereoRig) -> Prediction:
         """Return the recorded maps of a pair as a Prediction.
@@ -187,11 +203,31 @@ class RecordedPredictions:
         return beside if beside.is_file() else None
 
 
-def _names(pair: str, number: int) -> tuple[list[str], list[str]]:
-    """Return the names that the file of a pair may have, without its ending: by its name, and by its place."""
+def _namings(pairs: Sequence[str]) -> list[Naming]:
+    """Return the ways in which the files of pairs may be named, the surest first.
+
+    A name without its folders must be that of one pair. A name that could be a place is none: the file of that number
+    may be one pair's by name, and another's by place.
+    """
+    last = [pair.rpartition("/")[2] for pair in pairs]
+    namings: list[Naming] = ["name"]
+    if len(set(last)) == len(pairs) and any("/" in pair for pair in pairs):
+        namings.append("last")
+    if not any(pair.isdigit() or (name.isdigit() and len(name) == PLACE_DIGITS) for pair, name in zip(pairs, last)):
+        namings.append("place")
+    return namings
+
+
+def _names(pair: str, number: int, naming: Naming) -> list[str]:
+    """Return the names that the file of a pair may have in one naming, without its ending."""
+    if naming == "place":
+        place = f"{number:0{PLACE_DIGITS}d}"
+        return [f"{place}_10", place]
+    if naming == "last":
+        last = pair.rpartition("/")[2]
+        return [last, f"{last}_10"]
     flat = pair.replace("/", "_")
-    by_name = [pair, flat, f"{flat}_10"]
-    return by_name, [] if pair.isdigit() else [f"{number:06d}_10", f"{number:06d}"]
+    return [pair, flat, f"{flat}_10"]
 
 
 def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:

@@ -207,7 +207,7 @@ def evaluate(
         SavedStateError: The saved state cannot be used.
         KeyboardInterrupt: With `saved_state`, after SIGINT or SIGTERM, once the current pair is scored and saved.
     """
-    chosen = _checked(dataset, estimators, limit, seed)
+    chosen, estimators = _checked(dataset, estimators, limit, seed)
     scoring = Scoring(dataset, estimators, degradation, seed, max_disparity, align_rows)
     if saved_state is not None and (state := saved_state.load()) is not None:
         try:
@@ -280,8 +280,10 @@ def check_choice(limit: int | None, seed: int) -> None:
         raise ValueError(f"seed must not be negative, got {seed}")
 
 
-def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int | None, seed: int) -> list[int]:
-    """Return the indices of the pairs to score. Raises as `evaluate` does."""
+def _checked(
+    dataset: StereoPairs, estimators: Mapping[str, Method], limit: int | None, seed: int
+) -> tuple[list[int], dict[str, Method]]:
+    """Return the indices of the pairs to score, and the methods, which have their files. Raises as `evaluate` does."""
     if not len(dataset):
         raise ValueError("the dataset holds no pairs")
     if not estimators:
@@ -291,10 +293,11 @@ def _checked(dataset: StereoPairs, estimators: Mapping[str, Method], limit: int 
             raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name")
     check_choice(limit, seed)
     chosen = chosen_pairs(dataset, limit)
-    for method in estimators.values():
-        if isinstance(method, RecordedPredictions):
-            method.check(chosen)
-    return [index for _, index in chosen]
+    methods = {
+        name: method.of_pairs(chosen) if isinstance(method, RecordedPredictions) else method
+        for name, method in estimators.items()
+    }
+    return [index for _, index in chosen], methods
 
 
 def chosen_pairs(dataset: StereoPairs, limit: int | None) -> list[tuple[str, int]]:

@@ -170,7 +170,7 @@ def test_missing_files_are_named_before_anything_is_scored(tmp_path, plane_sampl
     with pytest.raises(FileNotFoundError, match=r"no disparity of pair 000002; looked for 000002"):
         evaluate(plane_samples, {"read": RecordedPredictions(tmp_path)})
     with pytest.raises(FileNotFoundError, match="nowhere: no such folder"):
-        RecordedPredictions(tmp_path / "nowhere").check([])
+        RecordedPredictions(tmp_path / "nowhere").of_pairs([])
 
 
 def test_pairs_whose_names_are_numbers_are_found_by_name(tmp_path):
@@ -179,18 +179,42 @@ def test_pairs_whose_names_are_numbers_are_found_by_name(tmp_path):
         put(tmp_path / f"{number:06d}_10.npy", DISPARITY + number)
     maps = RecordedPredictions(tmp_path)
     pairs = [(f"{number:06d}", place) for place, number in enumerate((1, 11, 21))]
-    maps.check(pairs)
+    maps = maps.of_pairs(pairs)
     for pair, place in pairs:
         assert maps.read(pair, place, RIG).disparity == pytest.approx(DISPARITY + int(pair))
     with pytest.raises(FileNotFoundError, match=r"no disparity of pair 000031; looked for 000031, 000031_10, with"):
-        maps.check([*pairs, ("000031", 3)])
+        maps.of_pairs([*pairs, ("000031", 3)])
 
 
 def test_a_folder_has_names_or_places_and_never_both(tmp_path):
     for name in ("00000_00", "00002_00", "000001"):
         put(tmp_path / f"{name}.npy", DISPARITY)
     with pytest.raises(FileNotFoundError, match=r"no disparity of pair 00001/00; looked for 00001/00, 00001_00, "):
-        RecordedPredictions(tmp_path).check([(f"{scene:05d}/00", scene) for scene in range(3)])
+        RecordedPredictions(tmp_path).of_pairs([(f"{scene:05d}/00", scene) for scene in range(3)])
+
+
+def test_a_file_of_another_pairs_number_is_not_taken_for_its_place(tmp_path):
+    """As in left/*.png, whose test split begins in the middle: file 000000 is of the pair left/000000."""
+    for number in range(10):
+        put(tmp_path / f"{number:06d}.npy", DISPARITY + number)
+    pairs = [(f"left/{number:06d}", place) for place, number in enumerate((4, 7))]
+    maps = RecordedPredictions(tmp_path).of_pairs(pairs)
+    for pair, place in pairs:
+        assert maps.read(pair, place, RIG).disparity == pytest.approx(DISPARITY + int(pair[-6:]))
+    with pytest.raises(
+        FileNotFoundError, match=r"no disparity of pair left/000012; looked for 000012, 000012_10, with"
+    ):
+        maps.of_pairs([*pairs, ("left/000012", 2)])
+
+
+def test_names_without_their_folders_are_found_where_no_two_pairs_have_the_same(tmp_path):
+    for number, name in enumerate(("a", "b")):
+        put(tmp_path / f"{name}.npy", DISPARITY + number)
+    pairs = [("s/a", 0), ("t/b", 1)]
+    maps = RecordedPredictions(tmp_path).of_pairs(pairs)
+    assert [float(maps.read(*pair, RIG).disparity[0, 0] - DISPARITY[0, 0]) for pair in pairs] == [0, 1]
+    with pytest.raises(FileNotFoundError, match=r"no disparity of pair s/a; looked for s/a, s_a, s_a_10, 000000_10, "):
+        RecordedPredictions(tmp_path).of_pairs([("s/a", 0), ("t/a", 1)])
 
 
 def test_the_scale_of_a_pfm_is_ignored(tmp_path):
