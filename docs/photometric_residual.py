@@ -6,8 +6,8 @@ Real Mars images have no true depth, and the photometric residual is what m3dept
 pairs, this command says how far the residual of a method is from that of the truth itself, which is not zero: pixels
 are noisy, and a surface does not look the same to both cameras. For each dataset, --out gets residual.json and
 residual.md with the residual of each method and of the truth over that of SGBM, on the pixels that SGBM matched, the
-mean over pairs, with 95 % intervals of a bootstrap over the scenes. Rows of the images that lie significantly apart are
-aligned first.
+mean over pairs, with 95 % intervals of a bootstrap over the scenes where there are several. Rows of the images that
+lie significantly apart are aligned first.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from m3depth.estimator import Estimator, EstimatorName, distinct_labels, load_es
 from m3depth.evaluation.bootstrap import interval, resampled_means
 from m3depth.evaluation.without_truth.photometric import residuals
 from m3depth.stereo.classical import SGBM
-from m3depth.stereo.pairs import pair_name, spread
+from m3depth.stereo.pairs import scene_name, spread
 from m3depth.stereo.rows import align_rows
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
@@ -63,11 +63,13 @@ class Options:
 def ratios(sample: Any, methods: Mapping[str, Estimator]) -> dict[str, float]:
     """Return the residual over SGBM's of each method and of the truth, NaN where they share no pixel with SGBM."""
     left, rig = sample.left, sample.rig
-    right = align_rows(left, sample.right, rig)[0]
+    right, fit = align_rows(left, sample.right, rig)
+    # of the aligned pair, whose right camera is the ideal one
+    true_disparity = sample.disparity if fit is None else rig.depth_to_disparity(sample.depth)
     matched = residuals(left, right, SGBM().match(left, right, rig))
     disparities = {name: method.infer(left, right, rig).disparity for name, method in methods.items()}
     ratio_of = {}
-    for name, disparity in {**disparities, TRUTH: sample.disparity}.items():
+    for name, disparity in {**disparities, TRUTH: true_disparity}.items():
         residual = residuals(left, right, np.where(disparity > 0, disparity, np.float32(np.nan)))
         shared = np.isfinite(residual) & np.isfinite(matched)
         ratio_of[name] = float(residual[shared].mean() / matched[shared].mean()) if shared.any() else np.nan
@@ -87,15 +89,16 @@ def measure(folder: Path, options: Options, methods: Mapping[str, Estimator]) ->
     if not chosen:
         raise ValueError(f"--data {folder}: split {options.split} holds no pairs")
     rows = [ratios(pairs[index], methods) for index in chosen]
-    scenes = [pair_name(pairs, index).rpartition("/")[0] for index in chosen]
+    scenes = [scene_name(pairs, index) for index in chosen]
     of_methods = {}
     for name in rows[0]:
         values = np.array([row[name] for row in rows])
         finite = np.isfinite(values)
         if not finite.any():
             raise ValueError(f"--data {folder}: {name} and SGBM measure no pixel together in any pair")
-        low, high = interval(resampled_means(values[finite], [s for s, known in zip(scenes, finite) if known]))
-        of_methods[name] = {"ratio": float(values[finite].mean()), "interval": [low, high]}
+        of_values = [scene for scene, known in zip(scenes, finite) if known]
+        bounds = list(interval(resampled_means(values[finite], of_values))) if len(set(of_values)) > 1 else None
+        of_methods[name] = {"ratio": float(values[finite].mean()), "interval": bounds}
     return {"data": str(folder), "pairs": len(rows), "scenes": len(set(scenes)), "methods": of_methods}
 
 
@@ -105,7 +108,10 @@ def table(content: Sequence[Mapping[str, Any]]) -> str:
     lines = [f"| pairs | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|"]
     for row in content:
         cells = (row["methods"][name] for name in names)
-        shown = [f"{cell['ratio']:.3f} ({cell['interval'][0]:.3f} to {cell['interval'][1]:.3f})" for cell in cells]
+        shown = [
+            f"{cell['ratio']:.3f}" + (" ({:.3f} to {:.3f})".format(*cell["interval"]) if cell["interval"] else "")
+            for cell in cells
+        ]
         lines.append(f"| {Path(row['data']).name} | {' | '.join(shown)} |")
     return "\n".join(lines) + "\n"
 

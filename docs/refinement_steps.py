@@ -31,7 +31,7 @@ from m3depth.evaluation.metrics import pixel_kinds
 from m3depth.figures.drawing import method_styles, save
 from m3depth.kinds.networks import load_network
 from m3depth.network.stereo_network import StereoNetwork
-from m3depth.stereo.pairs import pair_name, spread
+from m3depth.stereo.pairs import pair_name, scene_name, spread
 from m3depth.stereo.prediction import StepMap
 from m3depth.training.samples import JoinedPairs
 from m3depth.weights import weights_file
@@ -112,9 +112,7 @@ def measure(options: Options) -> tuple[dict[str, dict[str, np.ndarray]], list[st
     parts = [open_pairs(folder, options.split, options.reader) for folder in options.data]
     pairs = JoinedPairs(parts)
     scenes = [  # each dataset has its own, whatever its folder is called
-        f"{folder}/{pair_name(part, index).rpartition('/')[0]}"
-        for folder, part in zip(options.data, parts)
-        for index in range(len(part))
+        f"{folder}/{scene_name(part, index)}" for folder, part in zip(options.data, parts) for index in range(len(part))
     ]
     chosen = spread(len(pairs), options.limit)
     if not chosen:
@@ -136,7 +134,7 @@ def measure(options: Options) -> tuple[dict[str, dict[str, np.ndarray]], list[st
 
 
 def summary(errors_of: np.ndarray, scenes: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the mean of each of KINDS and its interval, by its name here.
+    """Return the mean of each of KINDS and its interval, None for pairs of a single scene, by its name here.
 
     Args:
         errors_of: (pairs, KINDS) [px].
@@ -148,8 +146,9 @@ def summary(errors_of: np.ndarray, scenes: Sequence[str]) -> dict[str, dict[str,
         if not valid.any():
             means[name] = {"epe_px": None, "interval": None}
             continue
-        low, high = interval(resampled_means(column[valid], [s for s, v in zip(scenes, valid) if v]))
-        means[name] = {"epe_px": float(column[valid].mean()), "interval": [low, high]}
+        of_column = [s for s, v in zip(scenes, valid) if v]
+        bounds = list(interval(resampled_means(column[valid], of_column))) if len(set(of_column)) > 1 else None
+        means[name] = {"epe_px": float(column[valid].mean()), "interval": bounds}
     return means
 
 
@@ -161,7 +160,8 @@ def table(content: dict[str, dict[str, dict[str, dict[str, Any]]]]) -> str:
             cells = []
             for value in by_kind.values():
                 bounds = value["interval"]
-                cells.append(f"{value['epe_px']:.3f} ({bounds[0]:.3f} to {bounds[1]:.3f})" if bounds else "-")
+                mean = "-" if value["epe_px"] is None else f"{value['epe_px']:.3f}"
+                cells.append(f"{mean} ({bounds[0]:.3f} to {bounds[1]:.3f})" if bounds else mean)
             lines.append(f"| {label} | {step} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 

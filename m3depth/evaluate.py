@@ -368,7 +368,7 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)
     methods = {label: loaded(name, flag_name, options) for label, (flag_name, name) in columns.items()}
     device = device_kind(options.device, runtime)
-    images = state_of_files(path for pair in pairs for path in (pair.left, pair.right))
+    images = state_of_files(path for pair in pairs for path in pair.files)
     depends = {
         "--data": [str(options.data.resolve()), images], **by_flag(columns, estimators), "--runtime": runtime,
         "--device": device, "--align-rows": options.align_rows, "--calib": state_of_files(calibration_files(pairs)),

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import known_depth, pixel_kinds
+from m3depth.evaluation.metrics import known_depth
 from m3depth.figures.drawing import (
     colour_map,
     depth_scale,
@@ -73,7 +73,7 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
     depth_map, errors = colour_map(DEPTH_MAP), Normalize(0, LARGEST_ERROR)
     for number, example in enumerate(examples):
         truth, of_pair = example.truth, axes[number * len(KINDS) : (number + 1) * len(KINDS)]
-        scored = pixel_kinds(truth)["all"]
+        scored = example.scored
         norm = depth_scale(truth.depth[scored])
         for ax, kind in zip(of_pair[:, 0], KINDS, strict=True):
             ax.axis("off")

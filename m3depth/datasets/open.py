@@ -5,13 +5,15 @@
         format="folder", left="left/*.png", right="right/*.png", depth="depth/*.exr", calib=Path("natecam")))
 
 Folders train, val and test below the root (as marssim.export writes KITTI, Middlebury and ETH3D), SceneFlow's TRAIN,
-VAL and TEST, and lists named train.txt, val.txt and test.txt are splits. Other datasets are split 7:2:1 by scene, in
-the order of names, as marssim's datasets are. `all` takes every pair.
+VAL and TEST, and lists named train.txt, val.txt and test.txt are splits; with folders, a pair's name begins with its
+split. Other datasets are split 7:2:1 by scene, in the order of names, as marssim's datasets are. `all` takes every
+pair.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from m3depth.datasets.benchmarks import eth3d, kitti, middlebury, sceneflow, sceneflow_rig
@@ -157,7 +159,11 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
     read = READERS[layout]
     roots = [name for name in SPLITS if (path / name).is_dir()] if layout in SPLIT_FOLDERS else []
     if roots:
-        chosen = [pair for name in roots if split in (name, "all") for pair in read(path / name, config, rigs)]
+        parts = [(name, read(path / name, config, rigs)) for name in roots if split in (name, "all")]
+        # each split numbers its pairs from 0
+        chosen = [
+            replace(p, name=f"{name}/{p.name}", group=f"{name}/{p.group}") for name, pairs in parts for p in pairs
+        ]
     elif pairs := list(read(path, config, rigs)):
         chosen = [pair for pair, part in zip(pairs, splits_of(pairs)) if split in (part, "all")]
     else:

@@ -17,7 +17,7 @@ from m3depth.evaluation.recorded_maps import RecordedPredictions
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scores import NormalScores, ScoredPair, Scores
 from m3depth.stereo.degradation import Degradation
-from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, spread
+from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, scene_name, spread
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import align_rows, columns_in_given_image
@@ -91,7 +91,7 @@ class Scoring:
         example, costs = self.predicted(index)
         pair = ScoredPair(example.truth, self.max_disparity)
         record: dict[str, Any] = {
-            "index": index, "pair": pair_name(self.dataset, index), "scene": _scene(self.dataset, index),
+            "index": index, "pair": pair_name(self.dataset, index), "scene": scene_name(self.dataset, index),
         }  # fmt: skip
         for name, prediction in example.predictions.items():
             try:
@@ -130,7 +130,8 @@ class Scoring:
                 predictions[name], costs[name] = measured(infer, left, right, sample.rig)
             except EstimatorError as error:
                 raise EstimatorError(f"{name}, pair {index}: {error}") from None
-        return Example(index, left, right, sample, predictions, pair_name(self.dataset, index)), costs
+        name = pair_name(self.dataset, index)
+        return Example(index, left, right, sample, predictions, name, self.max_disparity), costs
 
     def result(self) -> Evaluation:
         """Return the figures so far, without examples."""
@@ -304,12 +305,6 @@ def chosen_pairs(dataset: StereoPairs, limit: int | None) -> list[tuple[str, int
     """Return names and indices of the pairs to score: `limit` of them, spread evenly over the dataset, or all."""
     chosen = spread(len(dataset), len(dataset) if limit is None else limit)
     return [(pair_name(dataset, index), index) for index in chosen]
-
-
-def _scene(dataset: StereoPairs, index: int) -> str:
-    """Return the name of a pair's scene; in a dataset without scenes, each pair is a scene."""
-    scenes = getattr(dataset, "scenes", None)
-    return pair_name(dataset, index) if scenes is None else scenes[index]
 
 
 def _medians(records: list[dict[str, Any]]) -> dict[str, float]:

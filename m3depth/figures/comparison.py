@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import angle_between, capped_depth, known_depth, pixel_kinds
+from m3depth.evaluation.metrics import angle_between, capped_depth, known_depth
 from m3depth.figures.drawing import (
     UNSCORED,
     colour_map,
@@ -60,7 +60,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
         "bottom": (1.05 + extra) / height,
     }
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**grid, "wspace": 0.03, "hspace": 0.03})
-    depths = np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples])
+    depths = np.concatenate([e.truth.depth[e.scored] for e in examples])
     depth_norm = depth_scale(depths)
     for pair, example in enumerate(examples):
         upper, lower = axes[2 * pair], axes[2 * pair + 1]
@@ -91,7 +91,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
 def _draw_depth(axes: Sequence[Axes], example: Example, name: str, depth_norm: Normalize) -> None:
     """Draw a method's depth, and its error in percent of the true depth, beside each other."""
     truth, depth = example.truth, example.predictions[name].depth
-    scored = pixel_kinds(truth)["all"]
+    scored = example.scored
     show(axes[0], known_depths(depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
     relative = np.zeros(scored.shape)
     relative[scored] = 100 * np.abs(capped_depth(depth) / np.where(scored, truth.depth, 1) - 1)[scored]
@@ -103,7 +103,7 @@ def _draw_depth(axes: Sequence[Axes], example: Example, name: str, depth_norm: N
 def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
     """Draw a method's normals, and their angles to the true ones, beside each other; grey for a method without any."""
     truth, prediction = example.truth, example.predictions[name]
-    scored = pixel_kinds(truth)["all"]
+    scored = example.scored
     if prediction.normal is None:
         for ax in axes:
             show(ax, np.full((*scored.shape, 3), float(UNSCORED)))

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import known_depth, pixel_kinds
+from m3depth.evaluation.metrics import known_depth
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, panel_aspect, save, show
 from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 
@@ -51,8 +51,9 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
     errors, shares = Normalize(0, LARGEST_ERROR), Normalize(0, 1)
     for row, example, prediction in zip(axes, examples, methods, strict=True):
         truth = example.truth
-        scored = pixel_kinds(truth)["all"]
-        error = np.where(scored, np.abs(prediction.disparity - truth.disparity), np.nan)
+        scored = example.scored
+        disparity = np.where(np.isfinite(prediction.disparity), prediction.disparity, 0)  # unknown counts as 0 px
+        error = np.where(scored, np.abs(disparity - truth.disparity), np.nan)
         norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
         show(row[0], example.left)
         row[0].set_ylabel(example.title, fontsize=10)

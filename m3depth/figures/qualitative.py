@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import grey_deviation, pixel_kinds
+from m3depth.evaluation.metrics import grey_deviation
 from m3depth.figures.drawing import colour_map, depth_scale, known_depths, label_bar, note, panel_aspect, save, show
 from marssim.base.images.colours import DEPTH_MAP
 from marssim.base.images.depth_edges import depth_edges
@@ -38,7 +38,7 @@ def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
     figure = Figure(figsize=(width, height), dpi=120)
     edges = {"left": 0.36 / width, "right": 1 - 0.04 / width, "top": 1 - 0.3 / height, "bottom": 0.72 / height}
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={**edges, "wspace": 0.03, "hspace": 0.03})
-    norm = depth_scale(np.concatenate([e.truth.depth[pixel_kinds(e.truth)["all"]] for e in examples]))
+    norm = depth_scale(np.concatenate([e.truth.depth[e.scored] for e in examples]))
     depth_map = colour_map(DEPTH_MAP)
     for row, example in zip(axes, examples, strict=True):
         show(row[0], example.left)
@@ -64,7 +64,7 @@ def hard_parts(example: Example) -> dict[str, tuple[int, int, int]]:
         (row, column, side) [px] by kind; a kind for which no such square is left is missing.
     """
     truth = example.truth
-    scored = pixel_kinds(truth)["all"]
+    scored = example.scored
     side = max(8, round(PART * min(scored.shape)))
     deviation = grey_deviation(example.left)
     edges = depth_edges(truth.disparity).astype(np.float32)

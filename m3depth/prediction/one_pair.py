@@ -120,7 +120,7 @@ class PairPrediction:
         rig: The cameras.
         difference: (H, W) left_right_difference [px], or None.
         removed: The misalignment of the rows that was taken out, or None.
-        compared: Number of pixels with depth whose difference is known.
+        compared: Number of pixels that the method measured, that no mask hides, and whose difference is known.
         agreeing: How many of them agree.
         steps: Disparity after each refinement step, with --steps, without the common disparity.
         common: Common disparity that stayed out while the pair was matched [px].
@@ -215,17 +215,17 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     infer = with_settings(method.estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
     prediction = infer(shown.left, shown.right, pair.rig)
     unknown = unmeasured(prediction, options.min_confidence)
-    difference, compared, agreeing = None, 0, 0
-    if options.left_right:
-        difference = left_right_difference(infer, shown.left, shown.right, pair.rig, prediction)
-        agree = difference <= AGREEMENT
-        both_see = np.isfinite(prediction.depth) & np.isfinite(difference)
-        compared, agreeing = int(both_see.sum()), int((both_see & agree).sum())
-        unknown |= ~agree
     if pair.left_valid is not None:
         unknown |= ~pair.left_valid
     if pair.right_valid is not None:
         unknown |= ~seen_by_mask(prediction, pair.right_valid, pair.moved)
+    difference, compared, agreeing = None, 0, 0
+    if options.left_right:
+        difference = left_right_difference(infer, shown.left, shown.right, pair.rig, prediction)
+        agree = difference <= AGREEMENT
+        both_see = np.isfinite(prediction.depth) & np.isfinite(difference) & ~unknown
+        compared, agreeing = int(both_see.sum()), int((both_see & agree).sum())
+        unknown |= ~agree
     prediction = unknown_where(without_sky_normals(prediction), unknown)
     prediction = given_back(prediction, pair.rig, pair.common)
     steps = refinement_steps(shown, method, nearest, options.max_pixels) if options.steps else []

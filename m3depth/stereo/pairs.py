@@ -33,6 +33,17 @@ def pair_name(pairs: StereoPairs, index: int) -> str:
     return f"{index:06d}" if names is None else names[index]
 
 
+def scene_name(pairs: StereoPairs, index: int) -> str:
+    """Return the dataset's name of a pair's scene; where it has no scenes, each pair is one.
+
+    Args:
+        pairs: The dataset.
+        index: Index of the pair.
+    """
+    scenes = getattr(pairs, "scenes", None)
+    return pair_name(pairs, index) if scenes is None else scenes[index]
+
+
 def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
     """Return the nearest and farthest depth [m] in the `valid` masks of pairs; by default the paper's 0.5 to 15 m."""
     return getattr(pairs, "depth_range", (MIN_DEPTH, MAX_DEPTH))

@@ -37,6 +37,7 @@ class Off:
 
 class Pairs(list):
     names = ("00000/00", "00001/00")
+    scenes = ("00000", "00001")
 
 
 def test_the_truth_explains_the_images_better_than_half_a_pixel_beside_it(photometric_residual):
@@ -55,6 +56,26 @@ def test_the_command_writes_a_row_for_each_dataset(photometric_residual, tmp_pat
     assert low <= content[0]["methods"]["truth"]["ratio"] <= high
     table = (out / "residual.md").read_text()
     assert table == capsys.readouterr().out and table.startswith("| pairs | SGBM | truth |") and "| c | " in table
+
+
+def test_the_truth_is_that_of_the_aligned_pair(photometric_residual, monkeypatch):
+    pair = wall(0)
+    pair.depth, pair.disparity = np.full((128, 192), RIG.fb / SHIFT), pair.disparity + 1.5  # of the given right image
+    straight, aligned = pair.right, photometric_residual.ratios(wall(0), {})["truth"]
+    pair.right = np.roll(straight, 2, 0)
+    assert photometric_residual.ratios(pair, {})["truth"] > 1.1
+    monkeypatch.setattr(photometric_residual, "align_rows", lambda left, right, rig: (straight, "a fit"))
+    assert photometric_residual.ratios(pair, {})["truth"] == aligned
+
+
+def test_pairs_of_a_single_scene_have_no_interval(photometric_residual, tmp_path, capsys, monkeypatch):
+    pairs = Pairs([wall(0), wall(1)])
+    pairs.scenes = ("00000", "00000")
+    monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: pairs)
+    assert photometric_residual.main(["--data", "a", "--estimator", "sgbm", "--out", str(tmp_path / "out")]) == 0
+    (row,) = read_json(tmp_path / "out/residual.json")["datasets"]
+    assert row["scenes"] == 1 and row["methods"]["truth"]["interval"] is None
+    assert "(" not in capsys.readouterr().out
 
 
 def test_a_pair_without_a_shared_pixel_is_left_out(photometric_residual, tmp_path, monkeypatch):

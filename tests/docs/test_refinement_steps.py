@@ -31,9 +31,10 @@ def truth(disparity: float, occluded_columns: int) -> SimpleNamespace:
 
 
 class Pairs(list):
-    """Pairs with names of two scenes."""
+    """Pairs of two scenes."""
 
     names = ("00000/00", "00000/01", "00001/00")
+    scenes = ("00000", "00000", "00001")
 
 
 @pytest.fixture
@@ -60,6 +61,8 @@ def test_means_leave_out_pairs_without_such_pixels(refinement_steps):
     assert means["non-occluded"]["epe_px"] == 3 and means["occluded"]["epe_px"] == 6
     low, high = means["occluded"]["interval"]
     assert (low, high) == (4, 8)  # two scenes: both bounds are those of one of them
+    one_scene = refinement_steps.summary(rows, ["a"] * len(rows))["occluded"]
+    assert one_scene["interval"] is None and one_scene["epe_px"] == means["occluded"]["epe_px"]
     assert refinement_steps.summary(rows[1:2], ["a"])["occluded"] == {"epe_px": None, "interval": None}
 
 

@@ -17,11 +17,19 @@ from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.estimator import Estimator, inferred
 from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import nearest_without, taken_out
-from m3depth.prediction.masks import is_valid_mask
+from m3depth.prediction.masks import (
+    is_valid_mask,
+    moved_mask,
+    read_valid,
+    seen_by_mask,
+    valid_mask,
+    without_upper_margin,
+)
 from m3depth.prediction.settings import Infer
 from m3depth.rectification.files import RIG_FILE, rig_beside
 from m3depth.stereo.pairs import NEAREST
-from m3depth.stereo.rows import align_rows
+from m3depth.stereo.prediction import Prediction
+from m3depth.stereo.rows import align_rows, aligned_right
 from marssim.base.calibration.rectified import align_right
 from marssim.base.camera import StereoRig
 from marssim.base.files.json_file import DatasetError
@@ -41,16 +49,29 @@ class PairImages:
         left, right: (H, W) or (H, W, 3) uint8, rectified.
         rig: The cameras of these images.
         common: Common disparity that stays out while the pair is matched [px].
+        left_valid, right_valid: (H, W) bool, where these images show the scene; None is everywhere.
     """
 
     left: np.ndarray
     right: np.ndarray
     rig: StereoRig
     common: float = 0.0
+    left_valid: np.ndarray | None = None
+    right_valid: np.ndarray | None = None
 
     def with_aligned_rows(self) -> PairImages:
         """Return the pair with a right image whose rows do not lie significantly apart from those of the left one."""
-        return replace(self, right=align_rows(self.left, self.right, self.rig)[0])
+        right, fit = align_rows(self.left, self.right, self.rig)
+        valid = self.right_valid
+        if fit is not None and valid is not None:
+            valid = aligned_right(valid.astype(np.uint8) * 255, self.rig, fit) > 127
+        return replace(self, right=right, right_valid=valid)
+
+    def shown(self, prediction: Prediction) -> np.ndarray:
+        """Return the pixels that the left image shows, and the right one at their match, (H, W) bool."""
+        everywhere = np.ones(self.left.shape[:2], bool)
+        left = everywhere if self.left_valid is None else self.left_valid
+        return left if self.right_valid is None else left & seen_by_mask(prediction, self.right_valid)
 
     def infer(self, method: Estimator) -> Infer:
         """Return what predicts this pair, or its mirrored one, by a method.
@@ -73,20 +94,36 @@ class ImagePair:
     calibration: CalibrationReader
 
     def read(self) -> PairImages:
-        """Return the images and the rig. A small difference of the eyes' principal points is taken out of the right
-        image; a large one, as of cameras that are turned towards each other, stays out as in m3depth.predict.
+        """Return the images, the rig, and the masks NAME_valid.png that lie beside the images.
+
+        A small difference of the eyes' principal points is taken out of the right image; a large one, as of cameras
+        that are turned towards each other, stays out, and a black upper margin repeats the scene below it, both as in
+        m3depth.predict.
 
         Raises:
             DatasetError: A file cannot be used; the message names it.
         """
         try:
             left, right = read_pair(self.left, self.right)
+            height, width = left.shape[:2]
+            left_valid, right_valid = (read_valid(file, None, (height, width)) for file in (self.left, self.right))
         except ValueError as error:
             raise DatasetError(str(error)) from None
-        height, width = left.shape[:2]
         calibration = self.calibration(width, height)
         common = taken_out(calibration.shift, width)
-        return PairImages(left, align_right(right, calibration.shift - common), calibration.rig(width, height), common)
+        moved = calibration.shift - common
+        right = align_right(right, moved)
+        right_valid = None if right_valid is None else moved_mask(right_valid, moved)
+        return PairImages(
+            without_upper_margin(left, left_valid), without_upper_margin(right, right_valid),
+            calibration.rig(width, height), common, left_valid, right_valid,
+        )  # fmt: skip
+
+    @property
+    def files(self) -> list[Path]:
+        """The images, and the masks beside them."""
+        masks = [valid_mask(image) for image in (self.left, self.right)]
+        return [self.left, self.right, *(mask for mask in masks if mask.is_file())]
 
 
 def image_pairs(root: Path, config: DataConfig) -> list[ImagePair]:

@@ -14,7 +14,7 @@ from m3depth.evaluation.without_truth.photometric import residuals
 from m3depth.prediction.common_disparity import given_back
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
-from m3depth.stereo.classical import SGBM
+from m3depth.stereo.classical import SGBM, SGBM_REACH, search_range
 from m3depth.stereo.prediction import Prediction
 
 COLUMNS = {  # title and number of decimals of each score
@@ -40,23 +40,28 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
         For each method: the share of the pixels that both eyes see and measure on which their disparities agree
         within 1 px; that share on the pixels that every method so measures; the mean photometric residual on the
         pixels that SGBM matched and the method measured, and its ratio to SGBM's there; the shares of sky and of
-        unknown pixels; and the seconds. What has no pixels is left out.
+        unknown pixels; and the seconds, with those of the alignment. Pixels that a mask hides do not count. What has no
+        pixels is left out.
 
     Raises:
         EstimatorError: A method returned something else than a whole Prediction.
     """
+    aligning = 0.0
     if align:
-        pair = pair.with_aligned_rows()
+        pair, cost = measured(pair.with_aligned_rows)
+        aligning = cost.seconds
     left, right, rig = pair.left, pair.right, pair.rig
-    matched = SGBM().match(left, right, rig)
+    matched = SGBM(disparities=min(search_range(rig), SGBM_REACH)).match(left, right, rig)
     residual_of_sgbm = residuals(left, right, matched)
     scores, compared, agreeing = {}, {}, {}
     for name, method in methods.items():
         infer = pair.infer(method)
         prediction, cost = measured(infer, left, right, rig)
         difference = left_right_difference(infer, left, right, rig, prediction)
-        scores[name] = {**_figures(left, right, prediction, residual_of_sgbm), "seconds": cost.seconds}
-        compared[name] = _has_depth(prediction) & np.isfinite(difference)
+        shown = pair.shown(prediction)
+        figures = _figures(left, right, prediction, np.where(shown, residual_of_sgbm, np.nan), shown)
+        scores[name] = {**figures, "seconds": cost.seconds + aligning}
+        compared[name] = _has_depth(prediction) & np.isfinite(difference) & shown
         agreeing[name] = difference <= AGREEMENT
     common = np.logical_and.reduce(list(compared.values()))
     for name in methods:
@@ -84,11 +89,12 @@ def _has_depth(prediction: Prediction) -> np.ndarray:
 
 
 def _figures(
-    left: np.ndarray, right: np.ndarray, prediction: Prediction, residual_of_sgbm: np.ndarray
+    left: np.ndarray, right: np.ndarray, prediction: Prediction, residual_of_sgbm: np.ndarray, shown: np.ndarray
 ) -> dict[str, float]:
+    """Return the scores of one view, on the pixels that the images show, (H, W) bool."""
     depth, sky = _has_depth(prediction), prediction.is_sky
     unknown = np.isnan(prediction.depth) | unmeasured(prediction)
-    figures = {"sky": float(sky.mean()), "unknown": float(unknown.mean())}
+    figures = {"sky": float(sky[shown].mean()), "unknown": float(unknown[shown].mean())} if shown.any() else {}
     residual = residuals(left, right, np.where(depth, prediction.disparity, np.float32(np.nan)))
     if (shared := np.isfinite(residual) & np.isfinite(residual_of_sgbm)).any():
         figures["residual"] = float(residual[shared].mean())

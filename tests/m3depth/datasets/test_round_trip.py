@@ -46,7 +46,7 @@ def test_all_is_every_split_and_named_layouts_equal_found_ones(exported, plane_s
     assert len(everything) == len(StereoDataset(plane_set))
     named = open_pairs(out, "all", DataConfig(format="list" if layout == "openstereo" else layout))  # type: ignore[arg-type]
     assert named.names == everything.names  # type: ignore[attr-defined]
-    assert len(set(named.names)) == len(named) or layout == "kitti"  # type: ignore[attr-defined]
+    assert len(set(named.names)) == len(named)  # type: ignore[attr-defined]
 
 
 def test_the_depth_that_is_scored_can_be_limited(exported, plane_set) -> None:

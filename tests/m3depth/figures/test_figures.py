@@ -285,3 +285,19 @@ def test_labels_of_the_bars_do_not_meet_in_a_figure_of_one_method(plane_samples,
     boxes = [ax.xaxis.label.get_window_extent() for ax in drawn_figures[0].axes if ax.get_xlabel()]
     assert len(boxes) == 3 and all(a.x1 + 5 < b.x0 for a, b in pairwise(boxes))
     assert all(box.y0 >= 0 for box in boxes)
+
+
+def test_figures_show_the_errors_of_the_pixels_that_are_scored(plane_samples, tmp_path, monkeypatch):
+    """Nearer pixels, too, if they are scored; and an unknown disparity counts as 0 px."""
+    sample = plane_samples[0]
+    true = sample.disparity[np.isfinite(sample.depth) & sample.valid]
+    limit = float(np.median(true))
+    one = example(sample)
+    assert 0 < replace(one, max_disparity=limit).scored.sum() < one.scored.sum()
+    notes = []
+    monkeypatch.setattr("m3depth.figures.pairs.note", lambda ax, text: notes.append(text))
+    nothing = np.full(sample.depth.shape, np.nan, np.float32)
+    silent = {"silent": Prediction(nothing, nothing, None, np.zeros_like(nothing))}
+    for shown in (one, replace(one, max_disparity=limit)):
+        pairs_figure([replace(shown, predictions=silent)], tmp_path / "pairs.png")
+        assert notes[-1] == f"{sample.disparity[shown.scored].mean():.2f} px"

@@ -1,19 +1,23 @@
 """Scores without true depth: exact where the answer is known, and the command from patterns to the table."""
 
 import json
+import time
 
 import cv2
 import numpy as np
 import pytest
 
+from m3depth.datasets.config import DataConfig
 from m3depth.estimator import EstimatorName
 from m3depth.evaluate import main
 from m3depth.evaluation.without_truth import run
-from m3depth.evaluation.without_truth.pairs import PairImages
+from m3depth.evaluation.without_truth.pairs import PairImages, image_pairs
 from m3depth.evaluation.without_truth.scoring import means, predictions_of, score_pair, table
 from m3depth.holes import FilledEstimator
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.files.json_file import DatasetError
 from tests.m3depth.turned_pairs import RIG, slope, slope_disparity
 
 
@@ -63,26 +67,79 @@ def test_the_truth_agrees_and_explains_more_than_an_answer_that_is_off(plane_sam
     assert scores["sgbm"]["sky"] == 0 and scores["sgbm"]["unknown"] > 0.05  # what it only filled
 
 
+class Half(Truth):
+    """Wrong in the lower half of the image, or silent there."""
+
+    def __init__(self, sample, silent: bool) -> None:
+        super().__init__(sample)
+        self.silent, self.sample = silent, sample
+
+    def infer(self, left, right, rig):
+        out = super().infer(left, right, rig)
+        depth, disparity = out.depth.copy(), out.disparity.copy()
+        lower, nan = np.s_[depth.shape[0] // 2 :], np.float32(np.nan)
+        if self.silent:
+            depth[lower] = disparity[lower] = nan
+        elif np.array_equal(left, self.sample.left):
+            disparity[lower] += 3
+        return Prediction(depth, disparity, None, out.confidence)
+
+
+def test_pixels_that_a_mask_hides_do_not_count(plane_samples):
+    s = plane_samples[0]
+    upper = np.arange(s.left.shape[0])[:, None] < s.left.shape[0] // 2
+    shown = np.broadcast_to(upper, s.left.shape[:2])
+    methods = {"wrong": Half(s, False), "silent": Half(s, True), "truth": Truth(s)}
+    for masks in ((shown, None), (shown, shown)):
+        scores = score_pair(methods, PairImages(s.left, s.right, s.rig, 0.0, *masks))
+        for name in ("agreement", "residual", "sky", "unknown"):
+            assert scores["wrong"][name] == scores["silent"][name] == scores["truth"][name]
+        assert scores["truth"]["sky"] == pytest.approx(np.isinf(s.depth[shown]).mean())
+        assert scores["truth"]["unknown"] == 0
+    nothing = score_pair(methods, PairImages(s.left, s.right, s.rig, 0.0, ~shown & shown))
+    assert set(nothing["truth"]) == {"seconds"}
+
+
+def test_the_masks_beside_the_images_are_read(folder, tmp_path):
+    for eye in ("left", "right"):
+        (tmp_path / eye).mkdir()
+        image = cv2.imread(str(folder / eye / "0.png"))
+        valid = np.full(image.shape[:2], 255, np.uint8)
+        valid[: len(valid) // 4] = image[: len(image) // 4] = 0
+        cv2.imwrite(str(tmp_path / eye / "0.png"), image)
+        cv2.imwrite(str(tmp_path / eye / "0_valid.png"), valid)
+    (pair,) = image_pairs(tmp_path, DataConfig(left="left/*.png", right="right/*.png", focal=100, baseline=0.27))
+    images = pair.read()
+    np.testing.assert_array_equal(images.left_valid, valid > 0)
+    assert (images.left[: len(valid) // 4] == images.left[len(valid) // 4]).all()  # so that the sky meets the border
+    assert [path.name for path in pair.files] == ["0.png", "0.png", "0_valid.png", "0_valid.png"]
+    (tmp_path / "left/0_valid.png").write_bytes(b"no picture")
+    with pytest.raises(DatasetError, match=r"left/0_valid\.png"):
+        pair.read()
+
+
+def test_wide_images_are_scored_though_sgbm_does_not_search_all_of_their_width():
+    left, right = np.zeros((2, 40, 2200), np.uint8)
+    rig = StereoRig(PinholeCamera.centred(2200, 40, 5000.0), 0.42)
+    scores = score_pair({"sgbm": SGBM(disparities=160)}, PairImages(left, right, rig))["sgbm"]
+    assert scores["unknown"] == 1 and "residual" not in scores
+
+
+def test_the_alignment_of_the_rows_counts_to_the_time(plane_samples, monkeypatch):
+    s, images = plane_samples[0], PairImages
+
+    def slow(self):
+        time.sleep(0.2)
+        return self
+
+    monkeypatch.setattr(images, "with_aligned_rows", slow)
+    pair = images(s.left, s.right, s.rig)
+    assert score_pair({"truth": Truth(s)}, pair, align=True)["truth"]["seconds"] > 0.2
+    assert score_pair({"truth": Truth(s)}, pair)["truth"]["seconds"] < 0.2
+
+
 def test_a_method_that_stays_silent_gains_nothing_on_common_pixels(plane_samples):
     s = plane_samples[0]
-
-    class Half(Truth):
-        """Wrong in the lower half of the image, or silent there."""
-
-        def __init__(self, sample, silent: bool) -> None:
-            super().__init__(sample)
-            self.silent = silent
-
-        def infer(self, left, right, rig):
-            out = super().infer(left, right, rig)
-            depth, disparity = out.depth.copy(), out.disparity.copy()
-            lower, nan = np.s_[depth.shape[0] // 2 :], np.float32(np.nan)
-            if self.silent:
-                depth[lower] = disparity[lower] = nan
-            elif np.array_equal(left, s.left):
-                disparity[lower] += 3
-            return Prediction(depth, disparity, None, out.confidence)
-
     scores = score_pair({"wrong": Half(s, False), "silent": Half(s, True)}, PairImages(s.left, s.right, s.rig))
     assert scores["wrong"]["agreement"] < 0.7 < 0.95 < scores["silent"]["agreement"]
     assert scores["wrong"]["common_agreement"] == scores["silent"]["common_agreement"] > 0.95
