@@ -328,7 +328,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _work(options: EvaluateOptions) -> None:
-    if are_without_truth(options.reader):
+    if are_without_truth(options.data, options.reader):
         return _work_without_truth(options)
     dataset, methods = prepare(options)
     with result_folder(options).claim():

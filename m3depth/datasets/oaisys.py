@@ -35,10 +35,15 @@ def oaisys(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[
         for path in sorted((batch / left).glob(f"*{left}_rgb_{RENDERING}.png")):
             step = path.name.removesuffix(f"{left}_rgb_{RENDERING}.png")
             yield PairFiles(
-                f"{batch.name}/{step}", batch.relative_to(root).as_posix(), path,
+                f"{batch.relative_to(root).as_posix()}/{step}", batch.relative_to(root).as_posix(), path,
                 batch / right / f"{step}{right}_rgb_{RENDERING}.png",
                 batch / left / f"{step}{left}_pinhole_depth_{RENDERING}.exr", "depth", rigs(root / "calib.txt", path),
             )  # fmt: skip
+
+
+def is_sensor_name(text: str) -> bool:
+    """Return whether a text can be the name of a sensor, and not a pattern of images."""
+    return not set(text) & set("*?[/.")
 
 
 def _sensor(batch: Path, end: str, name: str | None) -> str:
@@ -61,7 +66,7 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
 
     Args:
         path: The config file.
-        config: Names of the sensors, if they are given.
+        config: Names of the sensors, if they are given; patterns of images are none.
 
     Returns:
         The calibration; None if the file is not a config of OAISYS.
@@ -76,7 +81,8 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     eyes = []
-    for end, name in (("left", config.left), ("right", config.right)):
+    for end, given in (("left", config.left), ("right", config.right)):
+        name = given if given is not None and is_sensor_name(given) else None
         fitting = [s for n, s in sensors.items() if (n == name if name else n.lower().endswith(end))]
         if len(fitting) != 1:
             raise DatasetError(

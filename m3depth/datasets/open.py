@@ -19,7 +19,7 @@ from pathlib import Path
 from m3depth.datasets.benchmarks import eth3d, kitti, middlebury, sceneflow, sceneflow_rig
 from m3depth.datasets.config import DataConfig, Format, Split
 from m3depth.datasets.folders import folder_pairs, list_pairs
-from m3depth.datasets.oaisys import oaisys
+from m3depth.datasets.oaisys import is_sensor_name, oaisys
 from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, read_pair_files
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.stereo.pairs import StereoPairs
@@ -108,6 +108,12 @@ def detect(path: Path, config: DataConfig) -> Format:
         f"{path}: holds no dataset of marssim, KITTI, SceneFlow, Middlebury, ETH3D or OAISYS; for other folders give "
         "--left, --right, --disparity or --depth (patterns), and --calib"
     )
+
+
+def sensors_are_named(path: Path, left: str | None, right: str | None) -> bool:
+    """Return whether --left and --right name the sensors of an OAISYS dataset, and not patterns of images."""
+    both = left is not None and right is not None and is_sensor_name(left) and is_sensor_name(right)
+    return both and _layout_by_signs(path) == "oaisys"
 
 
 def _layout_by_signs(path: Path, part: Path | None = None) -> Format | None:

@@ -12,6 +12,7 @@ import numpy as np
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners
 from m3depth.datasets.image_files import image_size, read_pair
+from m3depth.datasets.open import sensors_are_named
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.estimator import Estimator, inferred
@@ -35,9 +36,11 @@ from marssim.base.camera import StereoRig
 from marssim.base.files.json_file import DatasetError
 
 
-def are_without_truth(config: DataConfig) -> bool:
-    """Return whether the flags name images and no maps."""
+def are_without_truth(root: Path, config: DataConfig) -> bool:
+    """Return whether the flags name images in a folder and no maps."""
     named = config.left is not None and config.right is not None
+    if named and config.format == "auto" and sensors_are_named(root, config.left, config.right):
+        return False
     return named and config.format in ("auto", "folder") and config.disparity is None and config.depth is None
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from m3depth.datasets.config import DataConfig
+from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.prediction.options import PredictOptions
@@ -47,6 +49,8 @@ def make_calibration(
             raise ValueError(f"{flag} {value:g} px lies far outside of images of {width} x {height} px")
     if files == (NATECAM_NAME,):
         given = natecam(width, height)
+    elif len(files) == 1 and (sensors := oaisys_rig(files[0], DataConfig(left=options.left, right=options.right))):
+        given = sensors
     elif files:
         given = read_calibration(*files, image=image, baseline=options.baseline)
     elif pair_calibration is not None:

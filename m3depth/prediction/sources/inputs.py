@@ -15,7 +15,7 @@ import numpy as np
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners, read_list
 from m3depth.datasets.image_files import read_pair
-from m3depth.datasets.open import PairList, detect, open_pairs
+from m3depth.datasets.open import PairList, detect, open_pairs, sensors_are_named
 from m3depth.datasets.rigs import NATECAM_NAME, FileRig
 from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
@@ -256,7 +256,8 @@ def _without_layout(options: PredictOptions) -> Inputs | None:
         return Inputs((PairInput("", left, right),), single=True)
     if len(options.images) == 1 and is_bag(options.images[0]):
         return _bag(options)
-    if options.left is not None and options.right is not None and options.format in ("auto", "folder"):
+    named = len(options.images) == 1 and sensors_are_named(options.images[0], options.left, options.right)
+    if options.left is not None and options.right is not None and options.format in ("auto", "folder") and not named:
         return Inputs(tuple(_numbered(_patterns(options))))
     if not options.images:
         raise ValueError(f"--format {options.format} needs the dataset's folder before --left and --right")

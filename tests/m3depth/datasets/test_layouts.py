@@ -15,6 +15,10 @@ from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.folders import matches
 from m3depth.datasets.open import detect, open_pairs
+from m3depth.evaluation.without_truth.pairs import are_without_truth
+from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.calibration import make_calibration
+from m3depth.prediction.sources.inputs import find_inputs
 from marssim.base.dataset.dataset import SPLITS
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import encode_pfm
@@ -194,6 +198,41 @@ def test_oaisys_with_its_own_config(tmp_path) -> None:
     other = DataConfig(focal=60, baseline=0.3, left="sensorRight", right="sensorLeft")
     with pytest.raises(DatasetError, match=r"0001sensorRight_pinhole_depth_00\.exr: no such file"):
         open_pairs(tmp_path, "all", other)[0]
+
+
+def test_sensors_of_oaisys_are_named_as_the_message_asks(tmp_path) -> None:
+    config = oaisys_tree(tmp_path)
+    config.write_text(config.read_text().replace("sensorLeft", "camA").replace("sensorRight", "camB"))
+    for path in sorted(tmp_path.rglob("*sensor*"), key=lambda path: -len(path.parts)):
+        path.rename(path.with_name(path.name.replace("sensorLeft", "camA").replace("sensorRight", "camB")))
+    with pytest.raises(DatasetError, match="cannot tell the left sensor; name it by --left; its sensors: camA, camB"):
+        open_pairs(tmp_path, "all", DataConfig(calib=config))
+    named = DataConfig(calib=config, left="camA", right="camB")
+    assert len(open_pairs(tmp_path, "all", named)) == 2 and not are_without_truth(tmp_path, named)
+    flags = {"left": "camA", "right": "camB", "calib": (config,), "split": "all"}
+    inputs = find_inputs(PredictOptions((tmp_path,), Path("out"), **flags))
+    assert [pair.left.name for pair in inputs.pairs] == ["0001camA_rgb_00.png"] * 2
+    patterns = DataConfig(calib=config, left="*/camA/*_rgb_00.png", right="*/camB/*_rgb_00.png")
+    assert are_without_truth(tmp_path, patterns)
+
+
+def test_a_config_of_oaisys_is_the_calibration_of_patterns_and_of_predictions(tmp_path) -> None:
+    config = oaisys_tree(tmp_path)
+    patterns = {"left": "*/sensorLeft/*sensorLeft_rgb_00.png", "right": "*/sensorRight/*sensorRight_rgb_00.png"}
+    depth = "*/sensorLeft/*sensorLeft_pinhole_depth_00.exr"
+    pairs = open_pairs(tmp_path, "all", DataConfig("folder", **patterns, depth=depth, calib=config))
+    assert len(pairs) == 2 and pairs[0].rig.baseline == pytest.approx(0.27)
+    for more in ({}, patterns):
+        options = PredictOptions((tmp_path,), Path("out"), calib=(config,), **more)
+        calibration = make_calibration(options, H, W, tmp_path / "left.png")
+        assert (calibration.fx, calibration.cx, calibration.baseline) == (50, 19.5, pytest.approx(0.27))
+
+
+def test_batches_of_several_runs_of_oaisys_have_their_own_names(tmp_path) -> None:
+    configs = [oaisys_tree(tmp_path / run) for run in ("run1", "run2")]
+    pairs = open_pairs(tmp_path, "all", DataConfig(calib=configs[0]))
+    names = [f"run{run}/batch_000{batch}/0001" for run in (1, 2) for batch in (1, 2)]
+    assert pairs.names == names  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
