@@ -17,6 +17,7 @@ import io
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -31,14 +32,14 @@ import numpy as np
 import tyro
 from gymnasium.wrappers import TransformReward
 
-from envs.courses.course import CourseConfig
+from envs.courses.course import CourseConfig, check_rocks
 from envs.drivers.corridors import Corridors
 from envs.drivers.policy_archive import mark_corridors, read_policy, restore_training
 from envs.drives.place_note import place_note
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import GOES_ON, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.files.no_link import append_line
@@ -49,6 +50,7 @@ from marssim.scene.presets import PRESETS
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
 SECONDS, VERSIONS = "seconds", "versions"  # keys in SETTINGS_FILE: time of training [s], versions of packages
+LOST = f"a worker process ended: its error is above, or it was killed, perhaps for lack of memory; {GOES_ON}"
 RATE = 1e-3  # learning rate at the start
 EPISODES_PER_SCENE = 8  # a new scene takes as long as some thirty steps
 BATCH = 64  # largest number of choices in a batch
@@ -81,7 +83,8 @@ class PPOConfig:
     k: tuple[float, float] = (0.1, 0.2)
     """Range from which the rock abundance of each scene is drawn, Golombek's k, 0 to 0.4."""
     goal_distance: float = 10.0
-    """Distance from start to goal [m], 3 to 100: shorter than in evaluation, so that the policy meets goals early."""
+    """Distance from start to goal [m], 3 to 100: shorter than in evaluation, so that the policy meets goals early. A
+    scene holds 50,000 rocks, so with the default --k and --scene it is at most 47 m."""
     seed: int = 0
     """Seed of the courses and of the policy, 0 to 4294967295."""
 
@@ -92,9 +95,10 @@ class PPOConfig:
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"--seed must lie in [0, 4294967295], got {self.seed}")
         CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
-        load_place(self.scene)  # raises ValueError for an unknown place
+        place = load_place(self.scene)  # raises ValueError for an unknown place
         if not 0 <= self.k[0] <= self.k[1] <= 0.4:
             raise ValueError(f"--k must be two values in [0, 0.4], the lower one first, got {self.k[0]} {self.k[1]}")
+        check_rocks(place, CourseConfig(self.goal_distance, k=self.k[1]))
 
     def courses(self) -> dict[str, Any]:
         """Return the settings of the courses. With other values it would be another training."""
@@ -155,14 +159,11 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
         used: Time of training of earlier runs [s].
     """
     from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
     budget, log = 60 * config.max_minutes, config.out / LOG
     if used >= budget:
         print(f"{config.out}: already at --max-minutes {config.max_minutes:g}; raise it to go on")
         return
-    makers: list[Callable[[], gymnasium.Env]] = [partial(training_env, config)] * config.workers
-    vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
     began = monotonic() - used
 
     def trained() -> float:
@@ -206,7 +207,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
                     flush=True,
                 )
 
-    with _closed(vector):
+    with _environments(config) as vector:
         _drop_half_line(log)
         model = _model(config, path, vector, rollout, rate)
         if model.num_timesteps >= config.max_steps:
@@ -217,6 +218,11 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
         model.learn(config.max_steps - model.num_timesteps, callback=clock, reset_num_timesteps=False)
         if not clock.in_time:  # so the last rollout ended early, and nothing was learnt from it
             model.num_timesteps = clock.learnt
+        if model.num_timesteps == 0:
+            raise ValueError(
+                f"--max-minutes {config.max_minutes:g}: the time ended before the first {rollout * config.workers} "
+                "choices, so nothing was learnt and no policy is saved; raise it"
+            )
         save(model)
 
 
@@ -255,17 +261,27 @@ def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Calla
 
 
 @contextmanager
-def _closed(vector: Any) -> Iterator[None]:
-    """Close the environments at the end.
+def _environments(config: PPOConfig) -> Iterator[Any]:
+    """Make the environments, and close them at the end.
 
     After an error their processes are not waited for: a process that should have answered when a signal came never
     would.
+
+    Raises:
+        BrokenExecutor: A worker process ended. What it raised stands on stderr.
     """
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+    makers: list[Callable[[], gymnasium.Env]] = [partial(training_env, config)] * config.workers
+    vector = None
     try:
-        yield
-    except BaseException:
+        vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
+        yield vector
+    except BaseException as error:
         for process in getattr(vector, "processes", ()):
             process.terminate()
+        if isinstance(error, EOFError | ConnectionError):  # of the pipe to it
+            raise BrokenExecutor(LOST) from None
         raise
     vector.close()
 

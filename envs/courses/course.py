@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
+from marssim.scene.rocks.population import MAX_ROCKS, most_rocks
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 from marssim.scene.steep_ground import steep_ground
 
@@ -272,6 +273,25 @@ def series_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
 
 
+def check_rocks(base: SceneConfig, config: CourseConfig) -> None:
+    """Check that the scene of a course holds its rocks.
+
+    Args:
+        base: The scene's settings.
+        config: The course's settings.
+
+    Raises:
+        ValueError: There may be too many; the message names both settings that their number depends on.
+    """
+    rocks = base.rocks if config.k is None else replace(base.rocks, k=config.k)
+    number = most_rocks(rocks, config.goal_distance / 2 + MARGIN, base.horizon)
+    if number > MAX_ROCKS:
+        raise ValueError(
+            f"`k` {rocks.k:g} with a `goal_distance` of {config.goal_distance:g} m: the scene may have {number:.0f} "
+            f"rocks, and can hold {MAX_ROCKS}; choose a smaller k or goal distance"
+        )
+
+
 def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: np.random.Generator) -> Course:
     """Draw scene, start and goal; draw again while no way leads to the goal or the ground at an end is too steep.
 
@@ -284,8 +304,9 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         rng: Source of the random draws, unless config.scene_seed is given.
 
     Raises:
-        ValueError: If 50 draws in a row have no way: k or the slope is too high for the rover.
+        ValueError: If 50 draws in a row have no way: k or the slope is too high for the rover; or as check_rocks.
     """
+    check_rocks(base, config)
     if config.scene_seed is not None:
         rng = np.random.default_rng(config.scene_seed)
     relief, rocks, look = base.relief, base.rocks, base.look

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.courses.course import LIMITS, CourseConfig
+from envs.courses.course import LIMITS, CourseConfig, check_rocks
 from envs.suites.condition_ranges import ConditionRanges, range_ends
-from envs.suites.conditions import Values, condition_values, course_under, under
+from envs.suites.conditions import Values, under
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig, known_slip
 from marssim.base.files.json_file import json_text
@@ -120,7 +120,8 @@ class EpisodeDraws:
         for each in self._conditions:
             for at_end in each.ends:
                 under(at_end, scene, least, eyes)
-                course_under(condition_values(at_end), most)
+                at_most = under(at_end, scene, most, eyes)
+                check_rocks(at_most[0], at_most[1])
             each.check_order()
         self._scene, self._eyes = scene, eyes
 

@@ -8,6 +8,7 @@ import sys
 import time
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -215,6 +216,44 @@ def test_a_policy_of_another_kind_is_not_gone_on_from(tmp_path, capsys):
     assert main(["--out", str(tmp_path), "--workers", "1"]) == 2
     assert "is not a policy of envs.train_ppo" in capsys.readouterr().err
     assert (tmp_path / "policy.zip").read_bytes() == whole
+
+
+def test_more_rocks_than_a_scene_holds_are_refused_before_the_training(tmp_path, capsys):
+    assert main(["--out", str(tmp_path / "out"), "--goal-distance", "60"]) == 2
+    line = "error: --k 0.2 with a --goal-distance of 60 m: the scene may have "
+    error = capsys.readouterr().err
+    assert error.startswith(line) and error.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+def test_a_worker_that_ends_is_reported_in_one_line(tmp_path, small_place):
+    """Its own traceback comes first."""
+    program = (
+        "import os, sys; from pathlib import Path; import envs.train_ppo as command\n"
+        "from marssim.base.command.run import exit_code\n"
+        "class Killed(command.Corridors):\n"
+        "    def step(self, action):\n"
+        "        os._exit(1)\n"
+        "command.Corridors = Killed\n"
+        "config = command.PPOConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene=sys.argv[2])\n"
+        "if __name__ == '__main__': sys.exit(exit_code(lambda: command.train(config, rollout=8)))"
+    )
+    (tmp_path / "killed.py").write_text(program)
+    command = [sys.executable, str(tmp_path / "killed.py"), str(tmp_path / "out"), str(small_place)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2])
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[-1].startswith("error: a worker process ended: its error is above, or it was")
+    assert not (tmp_path / "out/policy.zip").exists()
+
+
+def test_a_time_that_ends_before_anything_is_learnt_leaves_no_policy(tmp_path, small_place, monkeypatch):
+    ticks = iter(range(0, 10**6, 30))
+    monkeypatch.setattr("envs.train_ppo.monotonic", lambda: float(next(ticks)))
+    config = PPOConfig(tmp_path, workers=1, goal_distance=3.0, scene=str(small_place), max_minutes=2)
+    with pytest.raises(
+        ValueError, match=r"^--max-minutes 2: the time ended before the first 8 choices, so nothing was"
+    ):
+        train(config, rollout=8)
+    assert not (tmp_path / "policy.zip").exists()
 
 
 @pytest.mark.parametrize("k", [["0.2", "0.1"], ["-0.1", "0.1"], ["0.1", "0.5"]])

@@ -201,19 +201,37 @@ def detail_level(diameter: np.ndarray, distance: np.ndarray) -> np.ndarray:
     return LEVELS[0] + np.digitize(np.asarray(diameter) / np.maximum(distance, LEAST_DISTANCE), LEVEL_ANGLES)
 
 
-def _scatter(
-    config: RockConfig, half: float, horizon: float, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Draw the diameters (N,) and positions (N, 2) of all rocks [m], in square rings with a least diameter each."""
-    rings, inner, expected = [], 0.0, 0.0
+def most_rocks(config: RockConfig, half: float, horizon: float) -> float:
+    """Return the number of rocks that hardly any scene exceeds; scenes whose number exceeds MAX_ROCKS are refused.
+
+    Args:
+        config: Number and shape of the rocks.
+        half: Half the side of the finely gridded square [m].
+        horizon: Half the side of the whole scene [m].
+    """
+    expected = 0.0
+    for inner, outer, least in _rings(config, half, horizon):
+        expected += float(number_density(np.array(least), config.k)) * 4 * (outer**2 - inner**2)
+    return expected + SAFETY_SPREADS * float(np.sqrt(expected))
+
+
+def _rings(config: RockConfig, half: float, horizon: float) -> list[tuple[float, float, float]]:
+    """Return square rings around the middle of the scene: from and to half a side [m], and least diameter [m]."""
+    rings, inner = [], 0.0
     near = min(CAMERA_EXTENT * half + 4.0, half)  # pebbles farther from a camera are smaller than a few pixels
     for reach, smallest in ((near, 0.0), *((ring * half, least) for ring, least in LEAST_DIAMETERS)):
         outer = min(reach, horizon)
         if outer > inner:
             rings.append((inner, outer, max(smallest, config.min_diameter)))
-            expected += float(number_density(np.array(rings[-1][2]), config.k)) * 4 * (outer**2 - inner**2)
             inner = outer
-    number = expected + SAFETY_SPREADS * np.sqrt(expected)
+    return rings
+
+
+def _scatter(
+    config: RockConfig, half: float, horizon: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw the diameters (N,) and positions (N, 2) of all rocks [m]."""
+    rings, number = _rings(config, half, horizon), most_rocks(config, half, horizon)
     if number > MAX_ROCKS:  # the largest number that may be drawn, so that the first scene fails and not a later one
         raise ValueError(
             f"a scene can hold {MAX_ROCKS} rocks, but {number:.0f} may be drawn; choose a smaller `rocks.k` or `size`, "

@@ -103,6 +103,11 @@ def test_a_condition_and_then_options_replace_what_was_drawn():
         ({"condition": {"lens_dust": (0.1,)}}, r"^lens_dust must be a number or the two ends of a range"),
         ({"condition": {"image_pixels": (128, 256)}}, r"^image_pixels must be one value in a condition, not a range"),
         ({"condition": {"goal_distance": (2, 9)}}, r"^goal_distance must lie in .*got 2"),
+        (
+            {"k": (0.1, 0.2), "goal_distance": (8, 80)},
+            "^`k` 0.2 with a `goal_distance` of 80 m: the scene may have .* rocks, and can hold 50000; choose",
+        ),
+        ({"condition": ("clear", {"k": 0.4}), "goal_distance": 40}, "^`k` 0.4 with a `goal_distance` of 40 m"),
         ({"condition": ("clear", {"k": 2})}, r"^k must lie in \[0, 0.4\], got 2$"),
     ],
 )  # fmt: skip
