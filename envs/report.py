@@ -38,7 +38,7 @@ class ReportConfig:
     drives: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folder of an evaluation with recorded drives, or one or two files of drives."""
     out: Path | None = None
-    """Page to write. Left out: beside the drive; two drives need it."""
+    """Page to write, with a name that ends in .html. Left out: beside the drive; two drives need it."""
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.drives) <= 2:
@@ -57,8 +57,8 @@ def report(config: ReportConfig) -> list[Path]:
     first = config.drives[0]
     if not first.is_dir():
         out = config.out or first.with_suffix(".html")
-        if out.resolve() in [drive.resolve() for drive in config.drives]:
-            raise ValueError(f"--out {out}: is a drive; name another page")
+        if out.suffix.lower() not in (".html", ".htm"):
+            raise ValueError(f"--out {out}: is no name of a page; it must end in .html")
         drives = [read_drive(path) for path in config.drives]
         if difference := _difference_of_courses(drives[0], drives[-1]):
             raise ValueError(f"{first} and {config.drives[-1]} are drives of different courses: {difference}")

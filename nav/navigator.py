@@ -72,7 +72,7 @@ class Navigator:
     Attributes:
         looks_along: Whether the last step stopped for a look along the far path, between two looks.
         map: The ElevationMap.
-        ground: The Traversability of the last step, or None.
+        ground: The Traversability of the last step, or None if it judged no ground.
         motion: The Motion chosen in the last step, or None.
         planner: The planner; `planner.field` is the cost to go, and `planner.considered` what the last step chose from,
             None if it planned nothing.
@@ -183,7 +183,7 @@ class Navigator:
 
     def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float, obeyed: bool) -> None:
         """Take in the rover's new pose and the goal: move the map, and count what the last command achieved."""
-        self.motion = self.planner.considered = None
+        self.ground = self.motion = self.planner.considered = None  # a step without a decision has none
         self.looks_along = False
         if not self._started:
             self.map.clear(planar[:2])

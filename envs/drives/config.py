@@ -157,6 +157,12 @@ class EvaluateConfig:
             raise ValueError("--grid replaces --k and --slope-deg: give one or the others")
         for name in self.driver:
             check_driver_name(name)
+        for flag, names in (("--driver", self.driver), ("--perception", self.perception)):
+            for name in names:
+                try:
+                    name.encode()
+                except UnicodeEncodeError:  # results and pages could not hold the name
+                    raise ValueError(f"{flag} {name!r}: is not UTF-8 text; rename the file") from None
         for flag, values in vars(self).items():
             if isinstance(values, tuple) and len(set(values)) < len(values):
                 given = ", ".join(map(str, values))

@@ -238,10 +238,11 @@ const KEYS = {
   PageDown: () => moveTo(index + 10), Home: () => moveTo(0), End: () => moveTo(stops.length - 1), " ": play, d: decidedStep,
 };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
-  if (event.key === " " && event.target.matches("button, input")) return; // it presses that
+  const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()]; // with Caps Lock too
+  if (event.ctrlKey || event.metaKey || event.altKey || !act) return;
+  if (event.key === " " && event.target.matches("button, input:not([type=range])")) return; // it presses that
   event.preventDefault();
-  KEYS[event.key]();
+  act();
 });
 byId("position").addEventListener("input", (event) => moveTo(Number(event.target.value)));
 byId("back").addEventListener("click", KEYS.ArrowLeft);

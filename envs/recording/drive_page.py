@@ -24,7 +24,7 @@ from envs.recording.turning_point import turning_point
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import json_text
+from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.files.png import encode_png
 from marssim.base.images.colours import depth_colours
 
@@ -60,7 +60,11 @@ def write_drive_pages(out: Path) -> list[Path]:
     for path in sorted((out / DRIVES).glob("*.zip")):
         page = path.with_suffix(".html")
         if not page.is_file() or page.stat().st_mtime < path.stat().st_mtime:
-            write_atomically(page, drive_page([read_drive(path)]))
+            try:
+                drive = read_drive(path)
+            except DatasetError as error:
+                raise DatasetError(f"{error}; delete the file, and the same command records the drive again") from None
+            write_atomically(page, drive_page([drive]))
         pages.append(page)
     return pages
 

@@ -1,8 +1,10 @@
+from pathlib import Path
+
 import pytest
 from recorded_drives import content, drive_bytes, step
 
 from envs.report import main
-from marssim.base.dataset.drive_file import encode_drive
+from marssim.base.dataset.drive_file import encode_drive, read_drive
 
 
 @pytest.fixture
@@ -52,10 +54,11 @@ def test_mistakes_exit_with_2_and_one_line(run_folder, tmp_path, capsys):
     for arguments, named in (
         ([], "name a folder, one drive or two"), ([a, b], "two drives need --out"), ([a, b, a], "one drive or two"),
         ([str(tmp_path / "none.zip")], "none.zip: no such file"), ([str(run_folder), a, "--out", "x"], "is a folder"),
-        ([str(tmp_path / "text.zip")], "text.zip: is not a whole zip archive"), ([a, "--out", a], "is a drive"),
-        ([a, "--out", str(run_folder / "drives" / ".." / "drives" / "a.zip")], "is a drive"),
+        ([str(tmp_path / "text.zip")], "text.zip: is not a whole zip archive"), ([a, "--out", a], "must end in .html"),
+        ([a, "--out", b], "b.zip: is no name of a page"), ([a, "--out", str(run_folder / "results.json")], ".html"),
         ([str(tmp_path / "empty")], "empty: holds no recorded drives"),
     ):  # fmt: skip
         assert main(arguments) == 2
         error = capsys.readouterr().err
+        assert read_drive(Path(b)).steps
         assert named in error and error.startswith("error: ") and error.count("\n") == 1

@@ -118,6 +118,16 @@ def test_a_rover_without_depth_stands_still(depth):
     assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
 
 
+def test_a_step_without_depth_judges_no_ground():
+    """It would be that of another place, once the map has scrolled."""
+    navigator = Navigator()
+    depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
+    assert navigator.ground is not None
+    assert navigator.step(None, None, SMALL_RIG, body_pose(0, 0, 0), GOAL).status == "blind"
+    assert navigator.ground is None
+
+
 def test_poses_may_lie_far_from_the_origin_as_those_of_a_map_projection():
     pose = body_pose(5e5, 4.2e6, 0)
     depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))

@@ -90,6 +90,10 @@ def test_pages_are_written_once_and_again_where_the_drive_is_newer(tmp_path, mon
     os.utime(path, (time.time() + 5, time.time() + 5))
     write_drive_pages(tmp_path)
     assert b"It reached the goal" in page.read_bytes()
+    path.write_bytes(b"half a drive")
+    os.utime(path, (time.time() + 9, time.time() + 9))
+    with pytest.raises(DatasetError, match=r"a\.zip: is not .*; delete the file, and the same command rec"):
+        write_drive_pages(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +146,14 @@ def test_the_page_opens_from_the_disk_and_its_time_line_moves_through_the_drive(
     assert later[0].startswith("step 5, 10 s, ")
     different = [a != b for a, b in zip(first, later)]
     assert different[0] and different[1] and sum(different[2:]) >= 3  # strip, depth and map at least
+    for key in ("d", "D"):  # with Caps Lock, or Shift
+        body.send_keys(Keys.END, key)
+        assert now.text == first[0]  # from there on, each step brought the rover nearer to the goal
+    position, play = browser.find_element(By.ID, "position"), browser.find_element(By.ID, "play")
+    position.send_keys(" ")  # where it has the focus, after a drag
+    assert play.text == "pause"
+    position.send_keys(" ")
+    assert play.text == "play"
     body.send_keys(Keys.END)
     assert shown()[0].startswith(f"step {record.steps}, ")
     assert "the drive ended here" in browser.find_element(By.CSS_SELECTOR, ".reason").text
