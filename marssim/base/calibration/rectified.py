@@ -25,6 +25,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 
 ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
 ROUNDING = 0.05  # [px] by which the cameras of one rectified pair may differ in a file
+LENS_FIELDS = ("distortion_model", "distortion_coefficients", "right", "vergence_deg", "rotation_deg")  # of rig_file
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
 
@@ -131,7 +132,13 @@ def _from_json(text: str) -> Calibration | None:
     of_opencv = is_opencv(data) or {"P1", "P2"} <= data.keys() or "Q" in data
     if of_opencv or not ("rig" in data or "baseline" in data):
         return None
-    rig = StereoRig.from_dict(data.get("rig", data))
+    content = data.get("rig", data)
+    if isinstance(content, dict) and (lenses := [name for name in LENS_FIELDS if name in content]):
+        raise ValueError(
+            f"is a rig file for marssim.generate, with raw lenses ({', '.join(lenses)}); give calibration/opencv.yml "
+            "of the dataset that it made"
+        )
+    rig = StereoRig.from_dict(content)
     c = rig.camera
     shift = float(fields.matrix(data, "shift", (1,))[0]) if "shift" in data else 0.0
     return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, shift, (c.width, c.height))

@@ -30,14 +30,14 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import is_opencv, lens_of, rodrigues
 from marssim.base.calibration.orientation import RectifiedView, rectified_view
 from marssim.base.calibration.read_pair import read_raw_calibration
+from marssim.base.calibration.rectified import LENS_FIELDS
 from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.files.json_file import DatasetError, read_json
 
 RIG_FIELDS = tuple(NATECAM.to_dict())
-DISTORTION = ("distortion_model", "distortion_coefficients")
-TURNS = ("vergence_deg", "rotation_deg")
 LENS = ("fx", "fy", "cx", "cy")
-FIELDS = (*RIG_FIELDS, *DISTORTION, "right", *TURNS)
+DISTORTION = LENS_FIELDS[:2]
+FIELDS = (*RIG_FIELDS, *LENS_FIELDS)
 MOST_TURN = 45.0  # [deg]
 HEAD = 4096  # bytes of a file that tell JSON from other calibrations
 

@@ -112,6 +112,15 @@ def test_a_rig_file_of_the_simulator(tmp_path):
     assert parsed.rig(512, 512) == NATECAM and parsed.size == (512, 512)
 
 
+def test_a_rig_file_with_lenses_is_no_calibration_of_rectified_images(tmp_path):
+    rig = {**NATECAM.to_dict(), "distortion_model": "plumb_bob", "distortion_coefficients": [-0.2], "vergence_deg": 1.5}
+    path = tmp_path / "lenses.json"
+    path.write_text(json.dumps(rig))
+    for read in (lambda: read_calibration(path), lambda: read_raw_calibration((path,))):
+        with pytest.raises(ValueError, match=r"lenses\.json: is a rig file .* \(distortion_model, .*, vergence_deg\)"):
+            read()
+
+
 @pytest.mark.parametrize("text", ['{"a":' * 10**5, '{"rig": ' + "[" * 50 + "]" * 50 + "}"])
 def test_json_nested_too_deeply_is_refused(tmp_path, text):
     with pytest.raises(ValueError, match=r"deep\.json: is nested too deeply"):
