@@ -71,7 +71,7 @@ class EvaluateConfig:
     sun_elevation_deg: float | None = None
     """Height of the sun above the horizon [deg], above 0 and up to 90. Left out: drawn from the scene's range."""
     optical_depth: float | None = None
-    """Optical depth of the dust in the air, 0 to 12: 0.3 is a clear sky, 1 a hazy one, 5 or more a dust storm. Left
+    """Optical depth of the dust in the air, 0 to 12: 0.3 is a clear sky, 1 a hazy one, 3 or more a dust storm. Left
     out: drawn from the scene's range."""
     albedo_contrast: float | None = None
     """Contrast of the ground's pattern of bright and dark patches: 0 has none, 1 is typical, 3 the most. Left out:

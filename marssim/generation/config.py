@@ -60,8 +60,8 @@ class RunConfig:
     of them must see the folder --out."""
     renderer: RendererName = field(default_factory=default_renderer)
     """Renderer of the images and of the ground truth: PyBullet's rasteriser (the default where PyBullet is installed),
-    Embree's rays, or scan conversion of the triangles, which is the fastest and needs neither library (the default
-    elsewhere). They differ in a few pixels on silhouettes."""
+    Embree's rays, or scan conversion of the triangles, which is as fast as Embree and needs neither library (the
+    default elsewhere). They differ in a few pixels on silhouettes."""
     rasterizer: Literal["auto", "tiny", "egl"] = "auto"
     """What draws for the renderer pybullet: tiny, PyBullet's own rasteriser, which draws the same on every machine, or
     egl, the graphics card, on which a few pixels on silhouettes depend. auto takes egl where a graphics card works, and

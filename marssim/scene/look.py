@@ -29,7 +29,7 @@ class LookConfig:
     sun_azimuth_deg: Range = (0.0, 360.0)
     """Direction of the sun [deg], LOW HIGH, -360 to 720, counter-clockwise from east: 90 is north."""
     optical_depth: Range = (0.3, 1.0)
-    """Optical depth of the dust in the air, LOW HIGH, 0 to 12: 0.3 is a clear sky, 1 a hazy one, and 5 or more a dust
+    """Optical depth of the dust in the air, LOW HIGH, 0 to 12: 0.3 is a clear sky, 1 a hazy one, and 3 or more a dust
     storm."""
     albedo_contrast: Range = (0.3, 1.3)
     """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""

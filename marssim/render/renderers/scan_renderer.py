@@ -11,7 +11,7 @@ from marssim.render.geometry.visibility import RayQueries
 
 
 class ScanRenderer(RayQueries):
-    """Renders a Scene by scan conversion of its triangles. Fulfils `Renderer`; the fastest of the three."""
+    """Renders a Scene by scan conversion of its triangles. Fulfils `Renderer`, without a library."""
 
     def render(
         self, camera: PinholeCamera, pose: np.ndarray, footprint: Footprint | None = None, sunlit: bool = True
