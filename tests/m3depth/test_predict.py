@@ -453,3 +453,21 @@ def test_a_full_disk_is_reported_and_leaves_no_half_written_file(pair, tmp_path,
     assert capsys.readouterr().err.endswith(message)
     assert sorted(file.name for file in out.iterdir()) == ["depth.npy", "prediction.json"]
     assert "rig" not in json.loads((out / "prediction.json").read_text())
+
+
+def test_pixels_that_a_mask_hides_do_not_count_to_the_share_that_agrees(plane_samples, tmp_path, capsys):
+    """Where the right image shows something else, the eyes disagree; a mask hides that."""
+    sample = plane_samples[0]
+    half, noise = len(sample.left) // 2, np.random.default_rng(0).integers(0, 256, sample.left.shape, dtype=np.uint8)
+    right_image, valid = sample.right.copy(), np.full(sample.left.shape[:2], 255, np.uint8)
+    right_image[half:], valid[half:] = noise[half:], 0
+    left, right = write(tmp_path / "left.png", sample.left), write(tmp_path / "right.png", right_image)
+    flags = [str(left), str(right), "--focal", str(sample.rig.camera.fx), "--baseline", str(sample.rig.baseline),
+             "--estimator", "sgbm", "--unchecked", "--left-right", "--no-align-rows"]  # fmt: skip
+    mask = write(tmp_path / "mask.png", np.repeat(valid[..., None], 3, axis=2))
+    shares = []
+    for more in ([], ["--mask", str(mask)]):
+        out = tmp_path / f"out{len(more)}"
+        assert main([*flags, "--out", str(out), *more]) == 0
+        shares.append(json.loads((out / "prediction.json").read_text())["eyes_agree_share"])
+    assert shares[0] < 0.995 < 0.999 < shares[1]
