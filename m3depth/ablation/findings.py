@@ -17,6 +17,9 @@ PROVISIONAL = ", provisional"  # after a verdict of one seed
 # Names of the measures in sentences.
 MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
 
+# What a run's score says of the sky, by the names here.
+SKY = {"near_ground_as_sky": "near_ground_as_sky", "sky_missed": "missed"}
+
 RunScores = Mapping[int, Mapping[str, Any]]  # by seed, the score.json of a run
 Figures = Mapping[int, np.ndarray]  # by seed, (pairs,) one figure of a run
 
@@ -74,6 +77,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
                 "runs": [
                     {key: score[key] for key in ("steps", "minutes", "parameters", "code", "device")}
                     | {"seconds_per_pair": score["result"]["seconds"]["median"]}
+                    | {key: score["result"]["sky"][name] for key, name in SKY.items()}
                     for score in seeds.values()
                 ],
             }

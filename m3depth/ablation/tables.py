@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.ablation.config import budget_text
-from m3depth.ablation.findings import PROVISIONAL
+from m3depth.ablation.findings import PROVISIONAL, SKY
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, depth_range_text, number, table
 from marssim.base.command.wording import counted
 
@@ -136,12 +136,15 @@ def _left_out(pairs: int, all_pairs: int) -> list[str]:
 def _cost(study: Mapping[str, Any]) -> list[str]:
     rows = []
     for row in study["rows"]:
-        means = {key: _average([run[key] for run in row["runs"]]) for key in ("steps", "minutes", "seconds_per_pair")}
+        keys = ("steps", "minutes", "seconds_per_pair", *SKY)
+        means = {key: _average([run[key] for run in row["runs"]]) for key in keys}
         size = _average([run["parameters"] for run in row["runs"]])
         steps = "-" if means["steps"] is None else f"{means['steps']:.0f}"
         millions = "-" if size is None else f"{size / 1e6:.2f}"
-        rows.append([row["label"], millions, steps, _cell(means["minutes"]), _cell(means["seconds_per_pair"])])
-    return table(["", "parameters [M]", "steps", "minutes", "s/pair"], rows)
+        sky = [_percent(means[key]) for key in SKY]
+        rows.append([row["label"], millions, steps, _cell(means["minutes"]), _cell(means["seconds_per_pair"]), *sky])
+    titles = ["near ground as sky [%] ↓", "sky missed [%] ↓"]
+    return table(["", "parameters [M]", "steps", "minutes", "s/pair", *titles], rows)
 
 
 def _average(values: Sequence[float | None]) -> float | None:
@@ -151,6 +154,10 @@ def _average(values: Sequence[float | None]) -> float | None:
 
 def _printed(value: float | None) -> str:
     return "-" if value is None else f"{value:g}"
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.2g}"
 
 
 def _cell(value: float | None) -> str:

@@ -61,7 +61,7 @@ def test_the_report_has_the_papers_figures_beside_ours() -> None:
     here = f"{0.9 * np.random.default_rng(0).uniform(0.5, 2, 30).mean():.3f}"
     row = next(line for line in text.splitlines() if line.startswith("| 3 | 0.084 |"))
     assert row == f"| 3 | 0.084 | {here} | 0.059 | {here} | 0.308 | {here} | 0.912 | {here} |"
-    assert "| 3 | 1.50 | 100 | 2.000 | 0.5000 |" in text
+    assert "| 3 | 1.50 | 100 | 2.000 | 0.5000 | 0.02 | - |" in text
     assert "| Levels of the wavelet transform | 1 | 1 | 1 |" in text and "Provisional" not in text
     assert "every pixel of true depth 0.5 to 15 m." in text and "test pairs:" not in text
     assert "![levels](levels.png)" in text and "of one seed" not in text
