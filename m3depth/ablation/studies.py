@@ -214,14 +214,14 @@ def _parts() -> Study:
         Row("no match at half the resolution", Variant("no-fine", match)),
         Row("no convex upsampling", Variant("no-convex", upsampling)),
         Row("recurrent steps alone", Variant("steps-alone", {**lookup, **match, **upsampling})),
-        Row("no recurrent steps, so no lookup", Variant("no-steps", {"refine_steps": 0, **lookup})),
-        Row("none of the four", NO_IRM),
+        Row("no recurrent steps", Variant("no-steps", {"refine_steps": 0, **lookup})),
+        Row("none of these parts", NO_IRM),
     )
     comparisons = (
         Comparison("Correlation lookup", 1, 0),
         Comparison("Match at half the resolution", 2, 0),
         Comparison("Convex upsampling", 3, 0),
-        Comparison("Recurrent steps, and the lookup in them, beside the other parts", 5, 0),
+        Comparison("Recurrent steps, beside the other parts", 5, 0),
         Comparison("Recurrent steps, without the other parts", 6, 4),
         Comparison("The other parts, without recurrent steps", 6, 5),
     )

@@ -53,7 +53,7 @@ def test_a_study_changes_only_its_own_fields(preset: str) -> None:
 def test_rows_without_a_part_that_the_preset_lacks_are_left_out() -> None:
     parts = without_repeats(STUDIES["parts"], "paper-thin")
     assert [row.label for row in parts.rows] == [
-        "all parts", "no convex upsampling", "no recurrent steps, so no lookup", "none of the four",
+        "all parts", "no convex upsampling", "no recurrent steps", "none of these parts",
     ]  # fmt: skip
     assert [(c.before, c.after) for c in parts.comparisons] == [(1, 0), (2, 0), (3, 1), (3, 2)]
     assert parts.reference == 0 and len(distinct([parts], "paper-thin")) == 4
