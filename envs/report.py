@@ -57,8 +57,8 @@ def report(config: ReportConfig) -> list[Path]:
     first = config.drives[0]
     if not first.is_dir():
         out = config.out or first.with_suffix(".html")
-        if out.suffix.lower() not in (".html", ".htm"):
-            raise ValueError(f"--out {out}: is no name of a page; it must end in .html")
+        if out.suffix.lower() != ".html":
+            raise ValueError(f"--out {out}: must end in .html")
         drives = [read_drive(path) for path in config.drives]
         if difference := _difference_of_courses(drives[0], drives[-1]):
             raise ValueError(f"{first} and {config.drives[-1]} are drives of different courses: {difference}")

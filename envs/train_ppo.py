@@ -268,7 +268,7 @@ def _environments(config: PPOConfig) -> Iterator[Any]:
     would.
 
     Raises:
-        BrokenExecutor: A worker process ended. What it raised stands on stderr.
+        BrokenExecutor: A worker process ended. Its traceback is on stderr.
     """
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
@@ -280,7 +280,7 @@ def _environments(config: PPOConfig) -> Iterator[Any]:
     except BaseException as error:
         for process in getattr(vector, "processes", ()):
             process.terminate()
-        if isinstance(error, EOFError | ConnectionError):  # of the pipe to it
+        if config.workers > 1 and isinstance(error, EOFError | ConnectionError):  # of the pipe to it
             raise BrokenExecutor(LOST) from None
         raise
     vector.close()

@@ -59,7 +59,7 @@ from m3depth.figures.side_by_side import draw_side_by_side
 from m3depth.holes import FilledEstimator, UnfilledEstimator
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
-from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, scored_depths, spread
+from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, scored_depths, spread
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
@@ -280,7 +280,8 @@ def dependencies(
         runtime: What runs the networks, as recorded_runtime returns it.
     """
     pairs = chosen_pairs(dataset, options.limit)
-    recorded = {text: RecordedPredictions.parse(text)[1].of_pairs(pairs) for text in options.predictions}
+    names = [pair_name(dataset, index) for index in range(len(dataset))]
+    recorded = {text: RecordedPredictions.parse(text)[1].of_pairs(pairs, names) for text in options.predictions}
     calib = options.reader.calib
     return {
         "--data": [str(options.data.resolve()), state_of_pairs(dataset)],

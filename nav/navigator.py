@@ -72,7 +72,7 @@ class Navigator:
     Attributes:
         looks_along: Whether the last step stopped for a look along the far path, between two looks.
         map: The ElevationMap.
-        ground: The Traversability of the last step, or None if it judged no ground.
+        ground: The Traversability of the last step; None before it.
         motion: The Motion chosen in the last step, or None.
         planner: The planner; `planner.field` is the cost to go, and `planner.considered` what the last step chose from,
             None if it planned nothing.
@@ -183,7 +183,7 @@ class Navigator:
 
     def _begin(self, pose: np.ndarray, planar: np.ndarray, goal: np.ndarray, pan: float, obeyed: bool) -> None:
         """Take in the rover's new pose and the goal: move the map, and count what the last command achieved."""
-        self.ground = self.motion = self.planner.considered = None  # a step without a decision has none
+        self.motion = self.planner.considered = None
         self.looks_along = False
         if not self._started:
             self.map.clear(planar[:2])
@@ -221,10 +221,9 @@ class Navigator:
     ) -> Command:
         """Return the next command from the map, the goal, and what happened in the last steps."""
         distance = float(np.hypot(*(goal - place[:2])))
-        if distance <= self.config.goal_radius:
-            return Command(0.0, 0.0, None, "arrived")
-        if not ground_visible:
-            return Command(0.0, 0.0, None, "blind")
+        if distance <= self.config.goal_radius or not ground_visible:
+            self.ground = self.judge(place)  # nothing is decided by it, but the map may have scrolled
+            return Command(0.0, 0.0, None, "arrived" if distance <= self.config.goal_radius else "blind")
         if distance < self._nearest - PROGRESS:
             self._nearest, self.recovery.attempts = distance, 0
             self.risk.came_nearer()

@@ -11,9 +11,9 @@
 Of a dataset, the navigator gets the true depth; the goal is given in the frame of the first image: metres ahead, metres
 to the left. Of a drive that envs.evaluate recorded, it gets the depth that the perception measured, the poses of the
 odometry, the area of the drive and its own goal. Where the record keeps every n-th pixel of the depth, as of images of
-256 x 256 px or more, the navigator's map has other heights and its commands can differ from those of the drive. So can
-they for a drive by oracle, whose true heights no record holds. --bag also writes what it saw and decided as a ROS 2
-bag. From Python, `replay` takes frames from any source of depth and poses.
+256 x 256 px or more, the navigator's map has other heights and its commands can differ from those of the drive. Those
+of the driver oracle can also differ, since the record does not hold the true heights. --bag also writes what it saw and
+decided as a ROS 2 bag. From Python, `replay` takes frames from any source of depth and poses.
 """
 
 from __future__ import annotations

@@ -10,11 +10,11 @@ from zlib import crc32
 
 import tyro
 
-from envs.courses.course import CourseConfig
+from envs.courses.course import CourseConfig, check_rocks
 from envs.drivers.by_name import check_driver_name
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.place_note import place_note
-from envs.suites.conditions import CONDITIONS, condition_values, course_under, with_look
+from envs.suites.conditions import CONDITIONS, condition_values, course_under, under, with_look
 from envs.suites.suite import suite_note
 from envs.world.arguments import ERROR_LIMITS
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
@@ -193,6 +193,8 @@ class EvaluateConfig:
         self.scene_config()  # raises ValueError for a value out of range
         for cell in self.cells:
             self.course_config(cell.k, cell.slope_deg)  # raises ValueError for a value out of range
+        if self.suite is None:
+            self._check_rocks()
 
     def _check_conditions(self) -> None:
         """Raise ValueError for a condition that is unknown, or does not go with other flags; without a suite."""
@@ -205,6 +207,13 @@ class EvaluateConfig:
                     given = "grid" if self.grid else flag.replace("_", "-")
                     raise ValueError(f"--{given} does not go with --condition {name}, which has its own {flag}")
             course_under(values, CourseConfig(self.goal_distance, into_sun=self.into_sun, ditch=self.ditch))
+
+    def _check_rocks(self) -> None:
+        """Raise ValueError for courses whose scenes cannot hold their rocks; without a suite."""
+        for cell in self.cells:
+            course = self.course_config(cell.k, cell.slope_deg)
+            scene, course, _ = under(cell.condition or {}, load_place(self.scene), course, EyesConfig())
+            check_rocks(scene, course)
 
     @property
     def courses(self) -> int:

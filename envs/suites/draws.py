@@ -118,11 +118,10 @@ class EpisodeDraws:
             if low > high:
                 raise ValueError(f"{name} must have the lower end of its range first, got {numbers[name]!r}")
         for each in self._conditions:
-            for at_end in each.ends:
-                under(at_end, scene, least, eyes)
-                at_most = under(at_end, scene, most, eyes)
-                check_rocks(at_most[0], at_most[1])
+            under_most = [under(at_end, scene, course, eyes) for at_end in each.ends for course in (least, most)]
             each.check_order()
+            for place, course, _ in under_most:
+                check_rocks(place, course)
         self._scene, self._eyes = scene, eyes
 
     def draw(self, rng: np.random.Generator) -> EpisodeSettings:

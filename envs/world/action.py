@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-REAL = "fiub"  # kinds of NumPy's real numbers: floats, integers, and bool
+NO_NUMBERS = "USMmc"  # kinds of NumPy's types that are cast to float though they are no real numbers
 
 
 class ActionError(ValueError):
@@ -25,16 +25,16 @@ def checked_action(action: object, shape: tuple[int, ...]) -> np.ndarray:
         ActionError: It is no such array, or not finite.
     """
     try:
-        values = np.ma.filled(np.asanyarray(action), np.nan) if np.ma.isMaskedArray(action) else np.asarray(action)
+        values = np.ma.filled(action.astype(float), np.nan) if np.ma.isMaskedArray(action) else np.asarray(action)
+        if values.dtype.kind in NO_NUMBERS:
+            raise TypeError(f"its numbers are of type {values.dtype}")
+        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
+            numbers = values.astype(np.float32)
     except Exception as error:  # of a driver's own type, such as a tensor that needs a gradient
         reason = str(error).partition("\n")[0]
         raise ActionError(f"action must be numbers of shape {shape}, got {_shown(action)}: {reason}") from None
-    if action is not None and values.dtype.kind not in REAL:
-        raise ActionError(f"action must be numbers of shape {shape}, got {_shown(action)}")
-    if values.shape != shape:
+    if action is None or numbers.shape != shape:
         raise ActionError(f"action must be of shape {shape}, got {_shown(action)}")
-    with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
-        numbers = values.astype(np.float32)
     if not np.isfinite(numbers).all():
         raise ActionError(f"action must be finite, got {_shown(action)}")
     return np.clip(numbers, -1, 1)

@@ -157,7 +157,7 @@ def _printed(value: float | None) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.2g}"
+    return "-" if value is None else f"{100 * value:.2f}"
 
 
 def _cell(value: float | None) -> str:

@@ -86,7 +86,8 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         fitting = [s for n, s in sensors.items() if (n == name if name else n.lower().endswith(end))]
         if len(fitting) != 1:
             raise DatasetError(
-                f"{path}: cannot tell the {end} sensor; name it by --{end}; its sensors: {', '.join(sensors)}"
+                f"{path}: cannot tell the {end} sensor; name it by --{end}; its sensors: {', '.join(sensors)}; or give "
+                "--focal and --baseline"
             )
         eyes.append(fitting[0])
     try:

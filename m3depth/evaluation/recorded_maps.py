@@ -1,11 +1,12 @@
 """Maps of depth or disparity that another program wrote, scored as if an estimator had computed them.
 
 A folder DIR holds a map of the left image for every pair, at the pair's size, under one of these names. `scene/view`
-is the pair's name in the dataset (00001/03; in KITTI a number, 000011), NUMBER its place in the split, from 000000:
+is the pair's name in the dataset (00001/03; in KITTI a number, 000011 or test/000011), NUMBER its place in the split,
+from 000000:
 
     scene/view.EXT    scene_view.EXT    scene_view_10.EXT
     view.EXT          view_10.EXT                            where no two pairs have the same last part
-    NUMBER.EXT        NUMBER_10.EXT                          where no name of a pair ends with a number of six digits
+    NUMBER_10.EXT     NUMBER.EXT                             where no name of a pair ends with a number of six digits
 
 or a folder of that name that holds disparity.EXT, left_disparity.EXT or depth.EXT, as m3depth.predict writes it. These
 are the names under which marssim.export writes the images (ETH3D, Middlebury and OpenStereo: scene_view; KITTI:
@@ -98,15 +99,19 @@ class RecordedPredictions:
                 raise ValueError(f"{text}: {setting!r} is none of depth, disparity, scale=S, fill")
         return name, cls(Path(folder), kind, scale, "fill" in settings)
 
-    def of_pairs(self, pairs: Sequence[tuple[str, int]]) -> RecordedPredictions:
-        """Return these maps with the naming of their files, once every pair (name, number) has its file.
+    def of_pairs(self, pairs: Sequence[tuple[str, int]], names: Sequence[str] = ()) -> RecordedPredictions:
+        """Return these maps with the naming of their files, once every pair has its file.
+
+        Args:
+            pairs: Names and places of the pairs that are scored.
+            names: Names of all pairs of the split, if those are only some of them.
 
         Raises:
             FileNotFoundError: The folder or the file of a pair is missing.
         """
         if not self.folder.is_dir():
             raise FileNotFoundError(f"{self.folder}: no such folder")
-        namings = _namings([pair for pair, _ in pairs])
+        namings = _namings(names or [pair for pair, _ in pairs])
         for naming in namings:
             if any(self._first(_names(*pair, naming)) for pair in pairs):
                 break
@@ -206,8 +211,8 @@ class RecordedPredictions:
 def _namings(pairs: Sequence[str]) -> list[Naming]:
     """Return the ways in which the files of pairs may be named, the surest first.
 
-    A name without its folders must be that of one pair. A name that could be a place is none: the file of that number
-    may be one pair's by name, and another's by place.
+    Files are not looked up by the last parts of names if two pairs have the same, and not by their places if a name
+    ends with a number like them: such a file might belong to another pair.
     """
     last = [pair.rpartition("/")[2] for pair in pairs]
     namings: list[Naming] = ["name"]

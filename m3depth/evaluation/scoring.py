@@ -294,8 +294,9 @@ def _checked(
             raise ValueError(f"no method may be called {name!r}: the records of the pairs use that name")
     check_choice(limit, seed)
     chosen = chosen_pairs(dataset, limit)
+    names = [pair_name(dataset, index) for index in range(len(dataset))]
     methods = {
-        name: method.of_pairs(chosen) if isinstance(method, RecordedPredictions) else method
+        name: method.of_pairs(chosen, names) if isinstance(method, RecordedPredictions) else method
         for name, method in estimators.items()
     }
     return [index for _, index in chosen], methods

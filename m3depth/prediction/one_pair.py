@@ -214,16 +214,18 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     shown = _without_upper_margins(pair)
     infer = with_settings(method.estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
     prediction = infer(shown.left, shown.right, pair.rig)
-    unknown = unmeasured(prediction, options.min_confidence)
+    unknown = unmeasured(prediction)
     if pair.left_valid is not None:
         unknown |= ~pair.left_valid
     if pair.right_valid is not None:
         unknown |= ~seen_by_mask(prediction, pair.right_valid, pair.moved)
+    comparable = ~unknown
+    unknown |= unmeasured(prediction, options.min_confidence)
     difference, compared, agreeing = None, 0, 0
     if options.left_right:
         difference = left_right_difference(infer, shown.left, shown.right, pair.rig, prediction)
         agree = difference <= AGREEMENT
-        both_see = np.isfinite(prediction.depth) & np.isfinite(difference) & ~unknown
+        both_see = np.isfinite(prediction.depth) & np.isfinite(difference) & comparable
         compared, agreeing = int(both_see.sum()), int((both_see & agree).sum())
         unknown |= ~agree
     prediction = unknown_where(without_sky_normals(prediction), unknown)

@@ -139,6 +139,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--drift", "1.1"], "--drift must lie in [0, 1], got 1.1"), (["--disparity-noise", "11"], "--disparity-noise"),
         (["--slip", "sand", "--slip-measured", "1.5"], "--slip-measured must lie in [0, 1], got 1.5"),
         (["--driver", "d\udcff/p.zip"], r"--driver 'd\udcff/p.zip': is not UTF-8 text; rename the file"),
+        (["--k", "0", "0.4", "--goal-distance", "40"], "--k 0.4 with a --goal-distance of 40 m: the scene may have"),
         (["--slip-measured", "0.5"], "--slip-measured needs --slip"), (["--slip", "mud"], "--slip"),
         (["--split", "test"], "--split needs --suite"), (["--condition", "ditch"], "ditch needs a goal_distance of"),
         (["--condition", "dense_rocks"], "--k does not go with --condition dense_rocks, which has its own k"),

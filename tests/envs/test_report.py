@@ -55,7 +55,7 @@ def test_mistakes_exit_with_2_and_one_line(run_folder, tmp_path, capsys):
         ([], "name a folder, one drive or two"), ([a, b], "two drives need --out"), ([a, b, a], "one drive or two"),
         ([str(tmp_path / "none.zip")], "none.zip: no such file"), ([str(run_folder), a, "--out", "x"], "is a folder"),
         ([str(tmp_path / "text.zip")], "text.zip: is not a whole zip archive"), ([a, "--out", a], "must end in .html"),
-        ([a, "--out", b], "b.zip: is no name of a page"), ([a, "--out", str(run_folder / "results.json")], ".html"),
+        ([a, "--out", b], "b.zip: must end in .html"), ([a, "--out", str(run_folder / "results.json")], ".html"),
         ([str(tmp_path / "empty")], "empty: holds no recorded drives"),
     ):  # fmt: skip
         assert main(arguments) == 2

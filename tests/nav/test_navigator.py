@@ -118,14 +118,22 @@ def test_a_rover_without_depth_stands_still(depth):
     assert (command.speed, command.yaw_rate, command.status) == (0.0, 0.0, "blind")
 
 
-def test_a_step_without_depth_judges_no_ground():
-    """It would be that of another place, once the map has scrolled."""
-    navigator = Navigator()
-    depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
-    navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
-    assert navigator.ground is not None
-    assert navigator.step(None, None, SMALL_RIG, body_pose(0, 0, 0), GOAL).status == "blind"
-    assert navigator.ground is None
+@pytest.mark.parametrize(("goal", "status"), [(GOAL, "blind"), (np.array([13.2, 0.0]), "arrived")])
+def test_a_step_that_decides_nothing_judges_the_ground_of_its_place(goal, status):
+    """The map may have scrolled in it, which that of an earlier step would not show."""
+    navigator, camera = Navigator(), ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    for x in (12.4, 12.8):
+        pose = body_pose(x, 0, 0)
+        navigator.step(RockWorld().depth(SMALL_RIG, pose @ camera), None, SMALL_RIG, pose, np.add(goal, (30, 0)))
+    before = navigator.map.origin.copy()
+    for x in np.arange(13.2, 30, 0.4):
+        there = np.add(goal, (x - 13.2, 0))
+        assert navigator.step(None, None, SMALL_RIG, body_pose(x, 0, 0), there).status == status
+        if not np.array_equal(navigator.map.origin, before):
+            break
+    assert not np.array_equal(navigator.map.origin, before)
+    expected = navigator.judge(np.array([x, 0.0, 0.0]))
+    np.testing.assert_array_equal(navigator.ground.cost, expected.cost)
 
 
 def test_poses_may_lie_far_from_the_origin_as_those_of_a_map_projection():

@@ -70,11 +70,14 @@ class PairImages:
             valid = aligned_right(valid.astype(np.uint8) * 255, self.rig, fit) > 127
         return replace(self, right=right, right_valid=valid)
 
-    def shown(self, prediction: Prediction) -> np.ndarray:
+    @property
+    def shown(self) -> np.ndarray:
+        """The pixels that the left image shows, (H, W) bool."""
+        return np.ones(self.left.shape[:2], bool) if self.left_valid is None else self.left_valid
+
+    def matched_within(self, prediction: Prediction) -> np.ndarray:
         """Return the pixels that the left image shows, and the right one at their match, (H, W) bool."""
-        everywhere = np.ones(self.left.shape[:2], bool)
-        left = everywhere if self.left_valid is None else self.left_valid
-        return left if self.right_valid is None else left & seen_by_mask(prediction, self.right_valid)
+        return self.shown if self.right_valid is None else self.shown & seen_by_mask(prediction, self.right_valid)
 
     def infer(self, method: Estimator) -> Infer:
         """Return what predicts this pair, or its mirrored one, by a method.

@@ -40,8 +40,8 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
         For each method: the share of the pixels that both eyes see and measure on which their disparities agree
         within 1 px; that share on the pixels that every method so measures; the mean photometric residual on the
         pixels that SGBM matched and the method measured, and its ratio to SGBM's there; the shares of sky and of
-        unknown pixels; and the seconds, with those of the alignment. Pixels that a mask hides do not count. What has no
-        pixels is left out.
+        unknown pixels; and the seconds, with those of the alignment. Masked pixels do not count, nor, in the first
+        three, those whose match is masked. What has no pixels is left out.
 
     Raises:
         EstimatorError: A method returned something else than a whole Prediction.
@@ -58,10 +58,10 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
         infer = pair.infer(method)
         prediction, cost = measured(infer, left, right, rig)
         difference = left_right_difference(infer, left, right, rig, prediction)
-        shown = pair.shown(prediction)
-        figures = _figures(left, right, prediction, np.where(shown, residual_of_sgbm, np.nan), shown)
+        within = pair.matched_within(prediction)
+        figures = _figures(pair, prediction, np.where(within, residual_of_sgbm, np.nan))
         scores[name] = {**figures, "seconds": cost.seconds + aligning}
-        compared[name] = _has_depth(prediction) & np.isfinite(difference) & shown
+        compared[name] = _has_depth(prediction) & np.isfinite(difference) & within
         agreeing[name] = difference <= AGREEMENT
     common = np.logical_and.reduce(list(compared.values()))
     for name in methods:
@@ -88,14 +88,13 @@ def _has_depth(prediction: Prediction) -> np.ndarray:
     return np.asarray(np.isfinite(prediction.depth) & ~unmeasured(prediction))
 
 
-def _figures(
-    left: np.ndarray, right: np.ndarray, prediction: Prediction, residual_of_sgbm: np.ndarray, shown: np.ndarray
-) -> dict[str, float]:
-    """Return the scores of one view, on the pixels that the images show, (H, W) bool."""
+def _figures(pair: PairImages, prediction: Prediction, residual_of_sgbm: np.ndarray) -> dict[str, float]:
+    """Return the scores of one view. residual_of_sgbm: (H, W), NaN where it does not count."""
+    shown = pair.shown
     depth, sky = _has_depth(prediction), prediction.is_sky
     unknown = np.isnan(prediction.depth) | unmeasured(prediction)
     figures = {"sky": float(sky[shown].mean()), "unknown": float(unknown[shown].mean())} if shown.any() else {}
-    residual = residuals(left, right, np.where(depth, prediction.disparity, np.float32(np.nan)))
+    residual = residuals(pair.left, pair.right, np.where(depth, prediction.disparity, np.float32(np.nan)))
     if (shared := np.isfinite(residual) & np.isfinite(residual_of_sgbm)).any():
         figures["residual"] = float(residual[shared].mean())
         if (sgbm_mean := float(residual_of_sgbm[shared].mean())) > 0:

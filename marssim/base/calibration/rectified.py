@@ -25,7 +25,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 
 ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
 ROUNDING = 0.05  # [px] by which the cameras of one rectified pair may differ in a file
-LENS_FIELDS = ("distortion_model", "distortion_coefficients", "right", "vergence_deg", "rotation_deg")  # of rig_file
+LENS_FIELDS = ("distortion_coefficients", "right", "vergence_deg", "rotation_deg")  # of rig_file
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
 
@@ -133,15 +133,22 @@ def _from_json(text: str) -> Calibration | None:
     if of_opencv or not ("rig" in data or "baseline" in data):
         return None
     content = data.get("rig", data)
-    if isinstance(content, dict) and (lenses := [name for name in LENS_FIELDS if name in content]):
+    if isinstance(content, dict) and (lenses := [name for name in LENS_FIELDS if _is_set(content.get(name))]):
         raise ValueError(
-            f"is a rig file for marssim.generate, with raw lenses ({', '.join(lenses)}); give calibration/opencv.yml "
-            "of the dataset that it made"
+            f"describes raw cameras ({', '.join(lenses)}), as for marssim.generate; for its rectified images give the "
+            "sample.json beside them, and for those of --raw its calibration/opencv.yml"
         )
     rig = StereoRig.from_dict(content)
     c = rig.camera
     shift = float(fields.matrix(data, "shift", (1,))[0]) if "shift" in data else 0.0
     return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, shift, (c.width, c.height))
+
+
+def _is_set(value: object) -> bool:
+    """Return whether the field of a lens says anything: not if all of its numbers are 0."""
+    if isinstance(value, list):
+        return any(map(_is_set, value))
+    return bool(value)
 
 
 def _from_projections(left: np.ndarray, right: np.ndarray) -> Calibration:

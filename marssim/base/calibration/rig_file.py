@@ -36,8 +36,8 @@ from marssim.base.files.json_file import DatasetError, read_json
 
 RIG_FIELDS = tuple(NATECAM.to_dict())
 LENS = ("fx", "fy", "cx", "cy")
-DISTORTION = LENS_FIELDS[:2]
-FIELDS = (*RIG_FIELDS, *LENS_FIELDS)
+DISTORTION = ("distortion_model", "distortion_coefficients")
+FIELDS = (*RIG_FIELDS, "distortion_model", *LENS_FIELDS)
 MOST_TURN = 45.0  # [deg]
 HEAD = 4096  # bytes of a file that tell JSON from other calibrations
 

@@ -36,8 +36,8 @@ class Slippage:
     def slip(self) -> float:
         """Share of the rims' way that the rover did not make, below 0 if it slid further.
 
-        0 if the rims made less than LEAST_WAY: while wheels brake, they still turn by a millimetre, of which no share
-        says how they grip.
+        0 if the rims made less than LEAST_WAY. Braking wheels still turn by a millimetre, and a ratio of such small
+        distances is no measure of grip.
         """
         return 1 - self.made / self.turned if self.turned >= LEAST_WAY else 0.0
 

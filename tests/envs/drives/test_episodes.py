@@ -1,3 +1,5 @@
+from decimal import Decimal
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +9,7 @@ import torch
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, course_options, run_episode
-from envs.world.action import ActionError
+from envs.world.action import ActionError, checked_action
 from envs.world.user_code import UserCodeError
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction
@@ -163,6 +165,18 @@ def test_a_driver_led_astray_by_its_odometry_ends_elsewhere_and_at_once(on_cours
     assert 1.0 < record.distance < 1.8
 
 
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (np.array([0.5, 0.25, 0], object), (0.5, 0.25, 0)), ([10**20, -1, True], (1, -1, 1)),
+        (np.ma.array([1, 0, 0], mask=False), (1, 0, 0)), (torch.tensor([0.5, 0, 0]), (0.5, 0, 0)),
+        ([Decimal("0.5"), Fraction(1, 4), 0], (0.5, 0.25, 0)),
+    ],
+)  # fmt: skip
+def test_numbers_of_any_type_are_an_action(answer, expected):
+    np.testing.assert_array_equal(checked_action(answer, (3,)), np.array(expected, np.float32))
+
+
 class Unreadable:
     def __array__(self, *args, **kwargs):
         raise RuntimeError("no array here\nfor two reasons")
@@ -176,10 +190,16 @@ class Unreadable:
     [
         (None, r"^driver 'mine': action must be of shape \(3,\), got None$"),
         ([1.0, 0.0], r"^driver 'mine': action must be of shape \(3,\), got \[1\.0, 0\.0\]$"),
-        ("left", r"^driver 'mine': action must be numbers of shape \(3,\), got 'left'$"),
+        ("left", r"^driver 'mine': action must be numbers of shape \(3,\), got 'left': its numbers are of type <U4$"),
         ([np.nan, 0.0, 0.0], r"^driver 'mine': action must be finite, got \[nan, 0\.0, 0\.0\]$"),
-        (["1", "0", "0"], r"^driver 'mine': action must be numbers of shape \(3,\), got \['1', '0', '0'\]$"),
-        ([1j, 0, 0], r"^driver 'mine': action must be numbers of shape \(3,\), got \[1j, 0, 0\]$"),
+        (
+            ["1", "0", "0"],
+            r"^driver 'mine': action must be numbers .*, got \['1', '0', '0'\]: its numbers are of type <U1$",
+        ),
+        (
+            [1j, 0, 0],
+            r"^driver 'mine': action must be numbers .*, got \[1j, 0, 0\]: its numbers are of type complex128$",
+        ),
         (np.ma.masked_invalid([np.nan, 0, 0]), r"^driver 'mine': action must be finite, got masked_array"),
         (
             torch.ones(3, requires_grad=True),

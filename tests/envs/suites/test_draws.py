@@ -108,6 +108,7 @@ def test_a_condition_and_then_options_replace_what_was_drawn():
             "^`k` 0.2 with a `goal_distance` of 80 m: the scene may have .* rocks, and can hold 50000; choose",
         ),
         ({"condition": ("clear", {"k": 0.4}), "goal_distance": 40}, "^`k` 0.4 with a `goal_distance` of 40 m"),
+        ({"condition": {"k": (0.4, 0.05), "goal_distance": 40}}, "^k must have the lower end of its range first"),
         ({"condition": ("clear", {"k": 2})}, r"^k must lie in \[0, 0.4\], got 2$"),
     ],
 )  # fmt: skip

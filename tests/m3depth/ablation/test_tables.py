@@ -122,4 +122,4 @@ def test_a_study_that_the_paper_lacks_shows_our_figures_alone(tmp_path, drawn_fi
         labels[round(y[0])]: x for x, y in (line.get_data() for line in drawn_figures[0].axes[0].lines) if len(x) == 2
     }
     assert bars["no convex upsampling"] == pytest.approx([60, 60])
-    assert "no recurrent steps" in labels and "no recurrent steps, so no lookup" not in bars
+    assert "no recurrent steps" in labels and "no recurrent steps" not in bars

@@ -207,6 +207,16 @@ def test_a_file_of_another_pairs_number_is_not_taken_for_its_place(tmp_path):
         maps.of_pairs([*pairs, ("left/000012", 2)])
 
 
+def test_names_of_all_pairs_decide_though_only_some_are_scored(tmp_path):
+    """With --limit 1, file 000000 is still that of train/000000 or of test/000000, which nothing tells."""
+    put(tmp_path / "000000_10.npy", DISPARITY)
+    names = ["train/000000", "train/000001", "test/000000"]
+    with pytest.raises(
+        FileNotFoundError, match=r"no disparity of pair train/000000; looked for train/000000, train_000"
+    ):
+        RecordedPredictions(tmp_path).of_pairs([(names[0], 0)], names)
+
+
 def test_names_without_their_folders_are_found_where_no_two_pairs_have_the_same(tmp_path):
     for number, name in enumerate(("a", "b")):
         put(tmp_path / f"{name}.npy", DISPARITY + number)

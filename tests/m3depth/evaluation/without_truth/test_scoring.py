@@ -96,6 +96,10 @@ def test_pixels_that_a_mask_hides_do_not_count(plane_samples):
             assert scores["wrong"][name] == scores["silent"][name] == scores["truth"][name]
         assert scores["truth"]["sky"] == pytest.approx(np.isinf(s.depth[shown]).mean())
         assert scores["truth"]["unknown"] == 0
+    scores = score_pair(methods, PairImages(s.left, s.right, s.rig, 0.0, None, shown))
+    for name in ("agreement", "residual"):  # rows are the same in both images
+        assert scores["wrong"][name] == scores["silent"][name] == scores["truth"][name]
+    assert scores["silent"]["unknown"] == pytest.approx(0.5, abs=0.01) and scores["truth"]["unknown"] == 0
     nothing = score_pair(methods, PairImages(s.left, s.right, s.rig, 0.0, ~shown & shown))
     assert set(nothing["truth"]) == {"seconds"}
 
