@@ -15,8 +15,10 @@ ROOT = Path(__file__).parents[2] / "docs/results"
 FOLDER = ROOT / "ablation"
 
 
-@pytest.mark.parametrize("file", ["three_seeds.json", "one_seed.json"])
-def test_the_tables_are_those_of_the_scores(file: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "folder"), [("three_seeds.json", "runs"), ("one_seed.json", "runs"), ("levels.json", "levels")]
+)
+def test_the_tables_are_those_of_the_scores(file: str, folder: str) -> None:
     results = json.loads((FOLDER / file).read_text())
     studies, preset = results.pop("studies"), results["preset"]
     options = AblateOptions(
@@ -25,7 +27,7 @@ def test_the_tables_are_those_of_the_scores(file: str) -> None:
     )  # fmt: skip
     chosen = options.chosen()
     files = {
-        name: {seed: FOLDER / "runs" / f"{run.name}-{seed}" / "score.json" for seed in options.seeds}
+        name: {seed: FOLDER / folder / f"{run.name}-{seed}" / "score.json" for seed in options.seeds}
         for name, run in distinct(chosen.values(), preset).items()
     }
     scores = {name: {s: json.loads(file.read_text()) for s, file in of_run.items()} for name, of_run in files.items()}
@@ -36,5 +38,5 @@ def test_the_tables_are_those_of_the_scores(file: str) -> None:
 
 
 def test_every_run_says_which_network_it_is() -> None:
-    runs = [*(FOLDER / "runs").iterdir()]
+    runs = [*(FOLDER / "runs").iterdir(), *(FOLDER / "levels").iterdir()]
     assert len(runs) > 20 and all((run / "network.json").is_file() for run in runs)
