@@ -11,6 +11,7 @@ nobody could know before. It refuses a digest of another passphrase, of another 
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,11 +83,18 @@ def write_suite(config: MakeSuiteConfig) -> Path:
 
     Raises:
         DatasetError: The suite of --held-out cannot be read.
-        ValueError: The file exists; or passphrase, suite and number of courses are not those of the digest.
+        ValueError: The file exists, or cannot be written; or passphrase, suite and number of courses are not those of
+            the digest.
     """
     assert config.out is not None
     if config.out.exists():
         raise ValueError(f"--out {config.out}: exists; a suite that others may have driven does not change")
+    try:
+        config.out.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ValueError(f"--out {config.out}: there is a file in the place of its folder") from None
+    if not os.access(config.out.parent, os.W_OK):
+        raise ValueError(f"--out {config.out}: its folder cannot be written to")
     splits: dict[str, dict[str, int]]
     drive: dict[str, Any] = {}
     if config.held_out is None:

@@ -206,9 +206,12 @@ def make_map(
     size = float((high - low).max()) + 2 * (reach + EDGE)
     cells = max(FEWEST_CELLS, int(np.ceil(size / options.cell)))
     if cells > MOST:
+        apart = float((high - low).max())
+        flag = f"--max-range {options.max_range:g}" if 2 * reach > apart else f"--cell {options.cell:g}"
+        instead = "a smaller range" if 2 * reach > apart else "larger cells, or fewer pairs"
         raise DatasetError(
-            f"--cell {options.cell:g}: the pairs lie up to {(high - low).max():.0f} m apart, so the map would have "
-            f"{cells} x {cells} cells, over {MOST} x {MOST}; give a larger one"
+            f"{flag}: the pairs lie up to {apart:.0f} m apart, and depth reaches {reach:.0f} m, so the map would have "
+            f"{cells} x {cells} cells, over {MOST} x {MOST}; give {instead}"
         )
     config = ElevationConfig(
         cell=options.cell, size=cells * options.cell, max_range=options.max_range,

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 from envs.comparison.suite_results import RESULTS, Episodes, Key, Method, SuiteResults
 from envs.world.perception import GROUND_TRUTH
-from m3depth.runtimes.choice import same_runtime
+from m3depth.estimator import M3DEPTH
+from m3depth.runtimes.choice import AND, same_runtime
 from marssim.base.files.json_file import DatasetError
 
 FIXED_DRIVER = "navigator"  # the driver of the track "eyes"
@@ -28,7 +29,7 @@ class DrivenMethod:
     weights: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of the weights or the code of its driver and its perception by their names, where they have a file."""
     runtime: str | None = None
-    """What ran the networks in its files, as recorded_runtime returns it; None where no network ran."""
+    """What ran its network, as recorded_runtime returns it for that network; None for a method without one."""
 
 
 def in_track(track: str, method: Method) -> bool:
@@ -73,8 +74,7 @@ def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, 
         if label in out:
             label = f"{', '.join(method)} ({path})"
         episodes = {key: episode for part in parts for key, episode in part.episodes[method].items()}
-        runtime = fullest_runtime(part.runtime for part in parts)
-        out[label] = DrivenMethod(*method, episodes, _digests(method, parts[0]), runtime)
+        out[label] = DrivenMethod(*method, episodes, _digests(method, parts[0]), _runtime(method, parts))
     return out
 
 
@@ -118,7 +118,7 @@ def _evaluations(method: Method, files: Sequence[SuiteResults]) -> list[list[Sui
         lambda file: json.dumps([file.part, _digests(method, file)], sort_keys=True),
         [file for file in files if file.part is not None],
     ):
-        for alike in [parts] if _is_one_program(parts) else _by(lambda file: file.runtime, parts):
+        for alike in [parts] if _is_one_program(method, parts) else _by(lambda file: _runtime(method, [file]), parts):
             if _overlapping(method, alike) is None:
                 groups.append(alike)
             else:
@@ -160,12 +160,34 @@ def _overlapping(method: Method, files: Sequence[SuiteResults]) -> tuple[SuiteRe
     return None
 
 
-def _is_one_program(files: Iterable[SuiteResults]) -> bool:
+def _is_one_program(method: Method, files: Iterable[SuiteResults]) -> bool:
     try:
-        fullest_runtime(file.runtime for file in files)
+        _runtime(method, files)
     except ValueError:
         return False
     return True
+
+
+def _runtime(method: Method, files: Iterable[SuiteResults]) -> str | None:
+    """Return what ran the network of a method in its files; None if it has none, or no file says it.
+
+    A file has one record for M3Depth and, where PyTorch ran other networks beside it in OpenVINO, a second one for
+    these. A name with weights may be of either: then what all files have counts.
+
+    Raises:
+        ValueError: It is not one program; the message names two.
+    """
+    perception = method[1]
+    if perception.partition(":")[0] != M3DEPTH:
+        return None
+    records = [file.runtime.split(AND) for file in files if file.runtime is not None]
+    if ":" not in perception:
+        records = [each[:1] for each in records]
+    for candidate in [record for each in records for record in each]:
+        fitting = [[record for record in each if same_runtime(record, candidate)] for each in records]
+        if all(fitting):
+            return fullest_runtime(each[0] for each in fitting)
+    return fullest_runtime(AND.join(each) for each in records)
 
 
 def _digests(method: Method, file: SuiteResults) -> dict[str, str]:

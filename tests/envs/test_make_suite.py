@@ -60,6 +60,14 @@ def test_a_suite_is_never_replaced(tmp_path, capsys):
     assert f"--out {out}: exists" in capsys.readouterr().err and out.read_text() == "{}"
 
 
+def test_a_place_that_cannot_hold_the_suite_is_named_before_anything_is_drawn(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("envs.make_suite.make_suite", lambda *_, **__: pytest.fail("it draws"), raising=False)
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file/mine.json"
+    assert main(["--name", "mine-v1", "--courses", "1", "--condition", "clear", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"error: --out {out}: there is a file in the place of its folder\n"
+
+
 def test_a_new_suite_has_the_conditions_asked_for(tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(envs.make_suite, "make_suite", lambda *a, **k: calls.append(a) or {"suite": a[0]})

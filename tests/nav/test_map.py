@@ -184,6 +184,7 @@ def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
         ("record", "a/prediction.json: holds no rig and pose of a pair"),
         ("turned", "a/prediction.json: pose must be a rotation and a translation above the row 0 0 0 1; predict it"),
         ("far apart", "--cell 0.1: the pairs lie up to 9000 m apart"),
+        ("far range", "--max-range 400: the pairs lie up to 0 m apart, and depth reaches 5"),
         ("unsure", "no depth of up to 12 m is sure enough"),
         ("out", "map: holds predictions; choose another"),
         ("cell", "--cell must be 0.02 to 0.5 m, got 9"),
@@ -195,6 +196,8 @@ def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
     write_pair(data / "a", pose=case != "no pose", world="1" if case == "scenes" else None)
     if case in ("no pose", "scenes", "far apart"):
         write_pair(data / "b", 9000.0 if case == "far apart" else 0.0, world="2" if case == "scenes" else None)
+    if case == "far range":
+        flags = ["--max-range", "400"]
     if case == "no folder":
         data = tmp_path / "gone"
     elif case == "no pairs":

@@ -81,3 +81,31 @@ def test_a_track_holds_what_it_fixes():
 def test_files_in_one_folder_are_told_apart_by_their_names():
     one, other = (replace(part("all", range(4), parts=None), path=Path(f"all/{name}.json")) for name in "ab")
     assert list(methods_of((one, other))) == ["navigator, m3depth (a)", "navigator, m3depth (b)"]
+
+
+def driven(folder, courses, runtime, *perceptions):
+    """A file of one part with several perceptions, and the record of all their networks."""
+    file = part(folder, courses, runtime=runtime)
+    episodes = file.episodes[METHOD]
+    return replace(file, episodes={("navigator", perception): episodes for perception in perceptions})
+
+
+def test_the_runtime_of_a_method_is_that_of_its_own_network():
+    """M3Depth beside another network, which PyTorch ran, in one part, and each by itself in the other."""
+    rival, both = "m3depth:rival.safetensors", "openvino 1 cpu bf16 + pytorch 2 cpu bf16"
+    files = [
+        driven("a", (0,), both, "m3depth", rival, "sgbm"), driven("b", (1,), "openvino 1 cpu bf16", "m3depth", "sgbm"),
+        driven("c", (1,), "pytorch 2 cpu bf16", rival),
+    ]  # fmt: skip
+    methods = methods_of(files)
+    assert [(m.perception, len(m.episodes), m.runtime) for m in methods.values()] == [
+        ("m3depth", 2, "openvino 1 cpu bf16"), (rival, 2, "pytorch 2 cpu bf16"), ("sgbm", 2, None),
+    ]  # fmt: skip
+
+
+def test_methods_without_a_network_do_not_depend_on_what_ran_those_beside_them():
+    files = [driven("a", (0,), "openvino 1", "m3depth", "sgbm"), driven("b", (1,), "pytorch 2", "m3depth", "sgbm")]
+    methods = methods_of(files)
+    assert sorted((m.perception, len(m.episodes)) for m in methods.values()) == [
+        ("m3depth", 1), ("m3depth", 1), ("sgbm", 2),
+    ]  # fmt: skip
