@@ -466,8 +466,9 @@ def test_pixels_that_a_mask_hides_do_not_count_to_the_share_that_agrees(plane_sa
              "--estimator", "sgbm", "--unchecked", "--left-right", "--no-align-rows"]  # fmt: skip
     mask = write(tmp_path / "mask.png", np.repeat(valid[..., None], 3, axis=2))
     shares = []
-    for more in ([], ["--mask", str(mask)]):
-        out = tmp_path / f"out{len(more)}"
+    for number, more in enumerate(([], ["--mask", str(mask)], ["--min-confidence", "0.9"])):
+        out = tmp_path / f"out{number}"
         assert main([*flags, "--out", str(out), *more]) == 0
         shares.append(json.loads((out / "prediction.json").read_text())["eyes_agree_share"])
     assert shares[0] < 0.995 < 0.999 < shares[1]
+    assert shares[2] == shares[0]  # a limit of the confidence is no mask: what both eyes see stays the same

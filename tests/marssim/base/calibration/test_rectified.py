@@ -121,6 +121,12 @@ def test_a_rig_file_with_lenses_is_no_calibration_of_rectified_images(tmp_path):
             read()
 
 
+def test_a_rig_file_whose_lenses_are_ideal_is_one(tmp_path):
+    rig = {**NATECAM.to_dict(), "distortion_model": "plumb_bob", "distortion_coefficients": [0, 0.0], "vergence_deg": 0}
+    path = write(tmp_path / "rig.json", json.dumps({**rig, "rotation_deg": [0, 0, 0]}))
+    assert read_calibration(path).rig(512, 512) == NATECAM
+
+
 @pytest.mark.parametrize("text", ['{"a":' * 10**5, '{"rig": ' + "[" * 50 + "]" * 50 + "}"])
 def test_json_nested_too_deeply_is_refused(tmp_path, text):
     with pytest.raises(ValueError, match=r"deep\.json: is nested too deeply"):
