@@ -455,9 +455,16 @@ def test_a_full_disk_is_reported_and_leaves_no_half_written_file(pair, tmp_path,
     assert "rig" not in json.loads((out / "prediction.json").read_text())
 
 
-def test_pixels_that_a_mask_hides_do_not_count_to_the_share_that_agrees(plane_samples, tmp_path, capsys):
-    """Where the right image shows something else, the eyes disagree; a mask hides that."""
-    sample = plane_samples[0]
+def test_pixels_that_a_mask_hides_do_not_count_to_the_share_that_agrees(plane_samples, tmp_path, capsys, monkeypatch):
+    """Where the right image shows something else, the eyes disagree, and here the method is less sure."""
+    sample, infer = plane_samples[0], SGBM.infer
+
+    def doubting(self, left, right, rig, **settings):
+        prediction = infer(self, left, right, rig, **settings)
+        prediction.confidence[half:] *= 0.5
+        return prediction
+
+    monkeypatch.setattr(SGBM, "infer", doubting)
     half, noise = len(sample.left) // 2, np.random.default_rng(0).integers(0, 256, sample.left.shape, dtype=np.uint8)
     right_image, valid = sample.right.copy(), np.full(sample.left.shape[:2], 255, np.uint8)
     right_image[half:], valid[half:] = noise[half:], 0
