@@ -126,7 +126,9 @@ def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) ->
         if not _is_out_of_memory(error):
             raise
         return _fail(f"out of memory ({str(error).strip().splitlines()[0]})", 2)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if not _is_interruption(error):
+            raise
         return _fail(f"interrupted; {interrupted}", 130)
     return 0
 
@@ -158,6 +160,14 @@ def _terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _is_interruption(error: BaseException) -> bool:
+    """Return whether Ctrl-C or SIGTERM caused an error. In a call of a compiled function, it is a SystemError."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    return cause is not None
 
 
 def _is_out_of_memory(error: RuntimeError) -> bool:

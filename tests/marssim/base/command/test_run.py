@@ -289,6 +289,21 @@ def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert (code, output) == (130, "error: interrupted; nothing was written\n")
 
 
+def test_an_interruption_that_a_compiled_function_turned_into_a_system_error_is_one_line(capsys):
+    def end(_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as signal_handled:
+            try:
+                raise SystemError("unpickling returned a result with an exception set") from signal_handled
+            except SystemError:
+                raise SystemError("a kernel returned a result with an exception set")  # noqa: B904, as numba does
+
+    assert run(capsys, end) == (130, "error: interrupted; the same command goes on from here\n")
+    with pytest.raises(SystemError, match="bad call"):
+        run(capsys, failing(SystemError("bad call")))
+
+
 def test_a_working_directory_that_was_removed_is_one_line(tmp_path, monkeypatch, capsys):
     folder = tmp_path / "removed"
     folder.mkdir()
