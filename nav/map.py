@@ -49,6 +49,8 @@ from nav.ground.traversability import Traversability, TraversabilityConfig, asse
 RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
 RESULT = "map.json"  # written last: a folder that has it holds a whole map
 MOSTLY = 0.9  # share of the depth that lies beyond the range from which on the map has a warning
+LEAST_CONFIDENCE = ElevationConfig.min_confidence
+LEAST_HEIGHT = 0.1  # [m] over the ground that a camera counts as having
 LEAST_AREA = 2.0  # [m2], about that of the rover's footprint
 MOST = 4000  # cells along a side
 EDGE = 1.0  # [m] around what can be seen
@@ -72,8 +74,9 @@ class MapOptions:
     wide up to cells of 0.2 m, and 3 m at 0.5 m."""
     max_range: float = 12.0
     """Depth [m], above 0.5, beyond which points are left out."""
-    min_confidence: float = 0.5
-    """Confidence, from 0 to 1, below which a pixel is unknown."""
+    min_confidence: float | None = None
+    """Confidence, from 0 to 1, below which a pixel is unknown. It needs pairs whose confidence was written. Left out:
+    0.5 for those."""
     origin: tuple[float, float] = (0.0, 0.0)
     """East and north [m] of the world's origin in the coordinates of the files."""
     epsg: int | None = None
@@ -85,7 +88,7 @@ class MapOptions:
             raise ValueError(f"cell must be 0.02 to 0.5 m, got {self.cell:g}")
         if not 0.5 < self.max_range < np.inf:
             raise ValueError(f"max_range must be finite and over 0.5 m, got {self.max_range:g}")
-        if not 0 <= self.min_confidence <= 1:
+        if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
             raise ValueError(f"min_confidence must be 0 to 1, got {self.min_confidence:g}")
         if not np.isfinite(self.origin).all():
             raise ValueError(f"origin must be two finite numbers [m], got {self.origin}")
@@ -121,11 +124,14 @@ class PredictedPair:
         if depth is None:
             raise DatasetError(f"{self.folder}: holds no depth; m3depth.predict --write depth confidence writes it")
         try:
-            return read_map_file(depth, "depth"), None if confidence is None else read_map_file(
-                confidence, "confidence"
-            )
+            sure = None if confidence is None else read_map_file(confidence, "confidence")
+            maps = read_map_file(depth, "depth"), sure
         except ValueError as error:
             raise DatasetError(str(error)) from None
+        size = self.rig.camera.height, self.rig.camera.width
+        if maps[0].shape != size:
+            raise DatasetError(f"{self.folder}: depth is {maps[0].shape}, the rig's camera has {size} pixels")
+        return maps
 
 
 def find_pairs(data: Path) -> list[PredictedPair]:
@@ -135,7 +141,8 @@ def find_pairs(data: Path) -> list[PredictedPair]:
         data: A folder of m3depth.predict, of one pair or of many.
 
     Raises:
-        DatasetError: There are none, a record is broken, or the pairs have no common frame; one line.
+        DatasetError: There are none, a record is broken, or the pairs have no common frame; one line. Of many pairs,
+            those without a pose are left out with a note.
     """
     if not data.is_dir():
         raise DatasetError(f"{data}: no such folder")
@@ -148,12 +155,15 @@ def find_pairs(data: Path) -> list[PredictedPair]:
         raise DatasetError(
             f"{data}: holds pairs of {len(worlds)} scenes; give the folder of one, such as {data / worlds[0]}"
         )
-    pairs = []
-    for file, record in records:
-        if record.get("pose") is None and len(records) > 1:
-            raise DatasetError(f"{file}: has no pose, which a map of many pairs needs; give m3depth.predict --poses")
-        pairs.append(_pair(file, record))
-    return pairs
+    placed = [(file, record) for file, record in records if record.get("pose") is not None]
+    if len(records) == 1:
+        placed = records
+    elif not placed:
+        raise DatasetError(f"{files[0]}: has no pose, which a map of many pairs needs; give m3depth.predict --poses")
+    elif len(placed) < len(records):
+        lacking = counted(len(records) - len(placed), "pair")
+        print(f"note: the map lacks {lacking} of {len(records)}, for want of a pose", file=sys.stderr)
+    return [_pair(file, record) for file, record in placed]
 
 
 def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
@@ -215,7 +225,7 @@ def make_map(
         )
     config = ElevationConfig(
         cell=options.cell, size=cells * options.cell, max_range=options.max_range,
-        min_confidence=options.min_confidence, columns=COLUMNS,
+        min_confidence=LEAST_CONFIDENCE if options.min_confidence is None else options.min_confidence, columns=COLUMNS,
     )  # fmt: skip
     middle = (low + high) / 2
     elevation = ElevationMap(config, (float(middle[0]), float(middle[1])))
@@ -224,10 +234,19 @@ def make_map(
         if count is not None:
             count.add(depth, options.max_range)
         try:
-            elevation.integrate(depth, confidence, pair.rig, pair.pose)
+            height = _height_over_ground(depth, pair, options.max_range)
+            elevation.integrate(depth, confidence, pair.rig, pair.pose, height)
         except ValueError as error:
             raise DatasetError(f"{pair.folder}: {error}") from None
     return elevation, assess(elevation, ZHURONG, TraversabilityConfig())
+
+
+def _height_over_ground(depth: np.ndarray, pair: PredictedPair, max_range: float) -> float:
+    """Return the height of a camera over the lowest tenth of what it sees within a range [m]."""
+    with np.errstate(invalid="ignore"):
+        near = (depth > 0) & (depth < max_range)
+    downward = -(pair.rig.camera.rays()[near] @ pair.pose[2, :3]) * depth[near]
+    return max(float(np.percentile(downward, 90)), LEAST_HEIGHT) if downward.size else ZHURONG.mount.height
 
 
 def _watched(pairs: Sequence[PredictedPair]) -> Iterator[PredictedPair]:
@@ -249,6 +268,12 @@ def _work(options: MapOptions) -> None:
         raise ValueError(
             f"--epsg {options.epsg}: {options.data} has no pose in a world; its map is in the rover's frame"
         )
+    unsure = [pair.folder for pair in pairs if find_map(pair.folder, "confidence") is None]
+    if unsure and options.min_confidence is not None:
+        raise ValueError(
+            f"--min-confidence {options.min_confidence:g}: {unsure[0]} holds no confidence; m3depth.predict --write "
+            "depth confidence writes it"
+        )
     count = DepthCount()
     elevation, ground = make_map(pairs, options, count)
     far = (
@@ -258,7 +283,7 @@ def _work(options: MapOptions) -> None:
         too_far = count.known > 0 and count.beyond >= MOSTLY * count.known
         reason = f"makes a map: {far}" if too_far else "is sure enough for a map"
         raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m {reason}")
-    for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None):
+    for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None, unsure):
         print(f"warning: {message}", file=sys.stderr)
     poses = np.array([pair.pose for pair in pairs])
     window = window_of(elevation, ground, poses[:, :2, 3], options.origin)
@@ -268,20 +293,30 @@ def _work(options: MapOptions) -> None:
         write_json(options.out / RESULT, {
             "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
             "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],
-            "max_range_m": options.max_range, "min_confidence": options.min_confidence, "epsg": options.epsg,
+            "max_range_m": options.max_range,
+            "min_confidence": None if len(unsure) == len(pairs) else elevation.config.min_confidence,
+            "epsg": options.epsg,
         }, sort_keys=False)  # fmt: skip
     print(f"{options.out}: {_summary(pairs, elevation, ground)}")
 
 
-def _doubts(pairs: Sequence[PredictedPair], elevation: ElevationMap, far: str | None) -> list[str]:
+def _doubts(
+    pairs: Sequence[PredictedPair], elevation: ElevationMap, far: str | None, unsure: Sequence[Path]
+) -> list[str]:
     """Return what speaks against a map.
 
     Args:
         pairs: The pairs.
         elevation: The heights.
         far: What to say if nearly all depth lies beyond the range.
+        unsure: Folders of the pairs without a confidence.
     """
     doubts = []
+    if unsure:
+        doubts.append(
+            f"{counted(len(unsure), 'pair')} of {len(pairs)} have no confidence, as {unsure[0]}, so all their depth is "
+            "taken as sure; m3depth.predict --write depth confidence writes it"
+        )
     if any(pair.is_assumed for pair in pairs):
         doubts.append(
             f"{pairs[0].folder}: nothing said where the camera is on the rover, so Zhurong's place was assumed, and "

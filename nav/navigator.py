@@ -214,7 +214,8 @@ class Navigator:
         if depth is None:
             return False
         camera_pose = pose @ self.spec.mount.left_eye(rig.baseline, pan)
-        return self.map.integrate(depth, confidence, rig, camera_pose) >= self.config.least_points
+        height = self.spec.mount.height
+        return self.map.integrate(depth, confidence, rig, camera_pose, height) >= self.config.least_points
 
     def _decide(
         self, place: np.ndarray, goal: np.ndarray, pan: float, ground_visible: bool, between_looks: bool

@@ -21,11 +21,13 @@ import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.images.depth_edges import JUMP, depth_edges
+from marssim.base.rover_spec import ZHURONG
 from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
 
 FEWEST_CELLS = 10  # of a side of the map
 DROP_COLUMNS = 128  # number of image columns in which drops are looked for, roughly
 LAYERS = {"top": np.nan, "low": np.nan, "weight": 0, "hidden_drop": False}  # of a map, and their values where unknown
+SLOPING_JUMP = 4.0  # change of disparity on sloping ground, over baseline / camera height; on level ground it is 2
 DROP_RAYS = 2  # number of image columns that must show the drop of a cell
 
 
@@ -54,7 +56,8 @@ class ElevationConfig:
     disparity_sigma: float = 0.25
     """Standard deviation of the stereo matching error [px]."""
     edge_jump: float = JUMP
-    """Change of disparity within 3 x 3 px from which a pixel hangs between two surfaces [px]."""
+    """Least change of disparity within 3 x 3 px from which a pixel hangs between two surfaces [px]. Cameras for which
+    the disparity of level ground changes faster than for NaTeCam have a larger one."""
     columns: int = 256
     """Number of image columns that are used, roughly."""
     recentre_at: float = 7.0
@@ -205,8 +208,9 @@ class ElevationMap:
             layer[fill] = plane[fill]
 
     def integrate(
-        self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, camera_pose: np.ndarray
-    ) -> int:
+        self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, camera_pose: np.ndarray,
+        camera_height: float = ZHURONG.mount.height,
+    ) -> int:  # fmt: skip
         """Fuse one depth map.
 
         Args:
@@ -215,12 +219,14 @@ class ElevationMap:
             confidence: (H, W) in [0, 1]; None means 1 everywhere.
             rig: The cameras at the size of depth.
             camera_pose: (4, 4) left camera to world.
+            camera_height: Height of the cameras over level ground [m], which says how fast its disparity changes, and
+                how many rows see it.
 
         Returns:
             The number of points used.
 
         Raises:
-            ValueError: If the shapes of depth, confidence and rig disagree.
+            ValueError: If the shapes of depth, confidence and rig disagree, or the height is not above 0.
         """
         depth = np.asarray(depth, np.float32)
         camera = rig.camera
@@ -228,25 +234,31 @@ class ElevationMap:
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
         if confidence is not None and np.shape(confidence) != depth.shape:
             raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
-        pose, valid = np.asarray(camera_pose, float), self._valid(depth, confidence, rig)
-        points, z, trust, may_show_ground = self._points(depth, valid, confidence, rig, pose)
+        if not camera_height > 0:
+            raise ValueError(f"camera_height must be above 0 m, got {camera_height:g}")
+        pose, valid = np.asarray(camera_pose, float), self._valid(depth, confidence, rig, camera_height)
+        points, z, trust, may_show_ground = self._points(depth, valid, confidence, rig, pose, camera_height)
         if z.size:
             self._fuse(points, z, trust, may_show_ground, rig.fb)
             self._mark_drops(depth, valid, rig, pose)
         return int(z.size)
 
-    def _valid(self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig) -> np.ndarray:
+    def _valid(
+        self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, camera_height: float
+    ) -> np.ndarray:
         """Return the pixels whose depth can be trusted, far ones and the sky included: (H, W) bool."""
         c = self.config
         with np.errstate(invalid="ignore"):
             valid = depth > c.min_range
         if confidence is not None:
             valid &= np.asarray(confidence) >= c.min_confidence
-        return np.asarray(valid & ~depth_edges(rig.depth_to_disparity(depth), c.edge_jump))
+        jump = max(c.edge_jump, SLOPING_JUMP * rig.baseline / camera_height)
+        return np.asarray(valid & ~depth_edges(rig.depth_to_disparity(depth), jump))
 
     def _points(
-        self, depth: np.ndarray, valid: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        self, depth: np.ndarray, valid: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray,
+        camera_height: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Return the points that are fused: world positions (m, 3), depth (m,), confidence (m,), and whether they may
         show ground (m,).
         """
@@ -254,7 +266,7 @@ class ElevationMap:
         with np.errstate(invalid="ignore"):
             use = valid & (depth < c.max_range)
             # On level ground, image rows are Z^2 / (f h) apart: near the rover every second one still hits every cell.
-            use[::2] &= depth[::2] > np.sqrt(0.4 * c.cell * rig.camera.fy)
+            use[::2] &= depth[::2] > np.sqrt(camera_height / 3 * c.cell * rig.camera.fy)
         stride = max(1, round(rig.camera.width / c.columns))
         rows, columns = np.nonzero(use[:, ::stride])
         columns *= stride

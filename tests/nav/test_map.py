@@ -12,7 +12,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.map_file import encode_map
 from marssim.base.pose import look_pose
 from nav.ground.map_files import LEFT, STRIP
-from nav.map import MapOptions, find_pairs, main, make_map
+from nav.map import MapOptions, PredictedPair, find_pairs, main, make_map
 
 RIG = StereoRig(PinholeCamera.centred(160, 120, 120.0), 0.3)
 BLOCK = np.array([5.0, -0.5]), 0.5, 0.6  # centre [m], half of its side [m], height [m]
@@ -171,6 +171,41 @@ def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
     assert "makes a map: 100 % of the depth lies beyond --max-range 12 m" in capsys.readouterr().err
 
 
+def test_pairs_without_a_pose_stay_out_of_a_map_of_many(tmp_path, capsys):
+    for name, posed in (("a", False), ("b", True), ("c", True)):
+        write_pair(tmp_path / "drive" / name, float(ord(name)), posed)
+    assert main([str(tmp_path / "drive"), "--out", str(tmp_path / "map")]) == 0
+    said = capsys.readouterr()
+    assert said.err == "note: the map lacks 1 pair of 3, for want of a pose\n" and "2 pairs;" in said.out
+
+
+def test_pairs_without_confidence_are_a_warning_and_refuse_its_limit(tmp_path, capsys):
+    write_pair(tmp_path / "pair")
+    (tmp_path / "pair/confidence.npy").unlink()
+    command = [str(tmp_path / "pair"), "--out", str(tmp_path / "map")]
+    assert main([*command, "--min-confidence", "0.9"]) == 2
+    assert capsys.readouterr().err.startswith("error: --min-confidence 0.9: " + str(tmp_path / "pair") + " holds no")
+    assert main(command) == 0
+    assert capsys.readouterr().err.startswith("warning: 1 pair of 1 have no confidence")
+    assert json.loads((tmp_path / "map/map.json").read_text())["min_confidence"] is None
+
+
+@pytest.mark.parametrize(("baseline", "height"), [(0.3, 1.2), (0.3, 0.5), (0.3, 0.25), (0.05, 0.1)])
+def test_level_ground_is_no_edge_for_cameras_close_to_it(tmp_path, baseline, height):
+    """Its disparity changes by baseline / height per row: by over 1 px from row to row for the third."""
+    rig, pose = StereoRig(RIG.camera, baseline), look_pose(np.array([0, 0, height]), yaw=0.0, pitch=np.deg2rad(20))
+    rays = rig.camera.rays() @ pose[:3, :3].T
+    depth = np.where(rays[..., 2] < 0, -height / np.minimum(rays[..., 2], -1e-9), np.inf).astype(np.float32)
+    folder = tmp_path / "pair"
+    folder.mkdir()
+    np.save(folder / "depth.npy", depth)
+    elevation, _ = make_map([PredictedPair(folder, rig, pose)], MapOptions(folder, tmp_path, max_range=4.0))
+    x, y = np.meshgrid(*elevation.centres())
+    farthest = np.sqrt(0.08 * rig.camera.fy * height)  # rows are 8 cm apart there
+    ahead = (x > max(1.1 * height, 0.7)) & (x < farthest) & (abs(y) < 0.2)
+    assert ahead.sum() > 8 and elevation.measured[ahead].all()
+
+
 @pytest.mark.parametrize(
     ("case", "message"),
     [
@@ -193,9 +228,10 @@ def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
 )
 def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
     data, out, flags = tmp_path / "data", tmp_path / "map", ["--cell", "9"] if case == "cell" else []
-    write_pair(data / "a", pose=case != "no pose", world="1" if case == "scenes" else None)
+    posed, apart = case != "no pose", 9000.0 if case == "far apart" else 0.0
+    write_pair(data / "a", pose=posed, world="1" if case == "scenes" else None)
     if case in ("no pose", "scenes", "far apart"):
-        write_pair(data / "b", 9000.0 if case == "far apart" else 0.0, world="2" if case == "scenes" else None)
+        write_pair(data / "b", apart, posed, world="2" if case == "scenes" else None)
     if case == "far range":
         flags = ["--max-range", "400"]
     if case == "no folder":

@@ -68,7 +68,8 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
         kind: What it holds.
 
     Returns:
-        (H, W) or (H, W, 3) float32. What a PNG holds as 0 is NaN, and what a PFM holds as inf stays inf.
+        (H, W) or (H, W, 3) float32. What a PNG holds as 0 is NaN, and so is what a PFM holds as inf: both mark what is
+        unknown and what is sky alike.
 
     Raises:
         ValueError: The file is broken or holds something else; the message names it.
@@ -89,6 +90,8 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
         raise ValueError(f"{path}: is not a map of {kind}")
     if values.ndim == 3 and form in ("tiff", "png"):
         values = np.ascontiguousarray(values[..., ::-1])
+    if form == "pfm":
+        return np.where(np.isinf(values), np.float32(np.nan), values).astype(np.float32)
     if form != "png":
         return np.asarray(values, np.float32)
     if kind == "normal":

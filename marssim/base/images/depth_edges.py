@@ -12,7 +12,8 @@ def depth_edges(disparity: np.ndarray, jump: float = JUMP, share: float = 0.0) -
     """Return where disparity changes by more than `jump`, and by more than `share` of itself, within 3 x 3 px.
 
     On level ground disparity changes by baseline / camera height per row, 0.22 px for NaTeCam, at any distance and
-    resolution. So one threshold serves all images. On a near, steep surface it changes faster, which `share` allows.
+    resolution. So one threshold serves all images of such cameras; one for others has to be larger if theirs changes
+    faster. On a near, steep surface it changes faster, too, which `share` allows.
 
     Args:
         disparity: (H, W) [px]; values that are not finite count as 0.
