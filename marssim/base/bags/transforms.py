@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from marssim.base.bags.names import MOVING_FRAMES, STATIC_FRAMES
+from marssim.base.bags.names import BASE_LINK, MOVING_FRAMES, STATIC_FRAMES
 from marssim.base.bags.reader import Bag, stamp_of
 
 ODOMETRY_KIND = "nav_msgs/Odometry"
+ROVER_FRAMES = (BASE_LINK, "base_footprint", "base_stabilized")  # of REP 105 and REP 120
 MOST_LEVELS = 100  # of frames in frames; more are a circle
 
 
@@ -52,11 +53,14 @@ class Transforms:
         return False
 
     def world(self, frame: str) -> str | None:
-        """Return the outermost frame that a frame moves in; None if it stands still, or is not known."""
+        """Return the outermost frame that a frame moves in.
+
+        None if it stands still, is not known, or moves in the rover alone, as a mast does: that is no world.
+        """
         moves = False
         for _ in range(MOST_LEVELS):
             if (frame := frame.lstrip("/")) not in self._parent:
-                return frame if moves else None
+                return frame if moves and frame not in ROVER_FRAMES else None
             moves |= frame in self._moving
             frame = self._parent[frame]
         return None

@@ -47,6 +47,16 @@ def test_what_stands_still_has_no_world_and_a_circle_has_no_pose():
     assert tree.world("eye") is None and tree.pose("eye", 5) is None and not tree.contains("map", "eye")
 
 
+@pytest.mark.parametrize("outermost", ["base_link", "/base_footprint"])
+def test_a_mast_that_turns_on_a_rover_moves_in_no_world(outermost):
+    tree = Transforms()
+    tree.add("mast", "eye", pose(1))
+    tree.add(outermost, "mast", pose(1), 5)
+    assert tree.world("eye") is None
+    tree.add("odom", outermost, pose(1), 5)
+    assert tree.world("eye") == "odom"
+
+
 def test_a_bag_gives_the_true_pose_of_its_cameras(drive):
     tree = read_transforms(Bag(drive.path))
     assert tree.world("left_camera_optical") == "map"
