@@ -61,7 +61,7 @@ def make_calibration(
     calibration = replace(
         given,
         fx=given.fx if options.focal is None else options.focal,
-        fy=given.fy if options.focal is None else options.focal,
+        fy=given.fy if options.focal is None else options.focal * given.fy / given.fx,
         cx=given.cx if options.cx is None else options.cx,
         cy=given.cy if options.cy is None else options.cy,
         baseline=given.baseline if options.baseline is None else options.baseline,
