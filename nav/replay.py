@@ -9,10 +9,11 @@
     python -m nav.replay out/eval/drives/DRIVE.zip
 
 Of a dataset, the navigator gets the true depth; the goal is given in the frame of the first image: metres ahead, metres
-to the left. Of a drive that envs.evaluate recorded, it gets the depth that the perception measured, the poses of the
-odometry, the area of the drive and its own goal. Where the record keeps every n-th pixel of the depth, as of images of
-256 x 256 px or more, the navigator's map has other heights and its commands can differ from those of the drive. Those
-of the driver oracle can also differ, since the record does not hold the true heights. --bag also writes what it saw and
+to the left. A drive of marssim.generate says where its cameras are on the rover; for others, --mount does. Of a drive
+that envs.evaluate recorded, the navigator gets the depth that the perception measured, the poses of the odometry, the
+area of the drive and its own goal. Its commands can differ from those of the drive, since the record rounds the depth
+to 0.4 %, and of images of 256 x 256 px or more keeps every n-th pixel. Those of the driver oracle can also differ,
+since the record does not hold the true heights. --bag also writes what it saw and
 decided as a ROS 2 bag. From Python, `replay` takes frames from any source of depth and poses.
 """
 
@@ -21,7 +22,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -39,10 +40,10 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import DriveFile, read_drive
-from marssim.base.dataset.sample import recorded_time
+from marssim.base.dataset.sample import recorded_mount, recorded_time
 from marssim.base.files.json_file import DatasetError
 from marssim.base.pose import recorded_pose
-from marssim.base.rover_spec import ZHURONG, RoverSpec
+from marssim.base.rover_spec import ZHURONG, CameraMount, RoverSpec
 from marssim.base.view.show import check_viewer, show
 from nav.bag import write_decision
 from nav.command import Command
@@ -132,11 +133,12 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
             if "pose" not in sample.meta:
                 raise DatasetError(f"{file}: field 'pose' is missing, so the camera's place is not known")
             try:
-                pose = recorded_pose(sample.meta["pose"])
+                pose, mount = recorded_pose(sample.meta["pose"]), recorded_mount(sample.meta)
                 time = recorded_time(sample.meta, sample.meta.get("view", number))
+                pan = 0.0 if mount is None else CameraMount.of_left_eye(mount, sample.rig.baseline)[1]
             except ValueError as error:
                 raise DatasetError(f"{file}: {error}") from None
-            yield Frame(sample.depth, None, sample.rig, pose, images=(sample.left, sample.right), time=time)
+            yield Frame(sample.depth, None, sample.rig, pose, pan, (sample.left, sample.right), time)
 
 
 def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command: Command) -> None:
@@ -201,6 +203,10 @@ class ReplayConfig:
     a file."""
     scene: int = 0
     """Number of the scene in the dataset; each scene is one drive. The file of a drive has no number."""
+    mount: tuple[float, float, float] | None = None
+    """Place of the cameras of a dataset on the rover: metres ahead of its origin, which is on the ground, metres above
+    the ground, above 0, and degrees that they look down, -90 to 90. Left out: that in the dataset, or else Zhurong's
+    (0.65 1.2 20), with a warning."""
     bag: Path | None = None
     """ROS 2 bag to write, a new folder: images, depth, planned path, command, status and pose of each frame. The images
     of a drive's file are reduced, and are left out. It needs the extra `real`."""
@@ -211,6 +217,11 @@ class ReplayConfig:
     def __post_init__(self) -> None:
         if self.goal is not None and not np.isfinite(self.goal).all():
             raise ValueError(f"--goal must be two finite numbers [m], got {self.goal}")
+        x, height, pitch = self.mount or (0.0, 1.0, 0.0)
+        if not (np.isfinite([x, height]).all() and height > 0 and -90 <= pitch <= 90):
+            raise ValueError(
+                f"--mount must be metres ahead, metres above 0, and -90 to 90 degrees, got {x:g} {height:g} {pitch:g}"
+            )
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -227,19 +238,21 @@ def _work(config: ReplayConfig) -> None:
     if config.data.is_file():
         if config.scene:
             raise ValueError(f"--scene is for a dataset; {config.data} holds one drive")
-        drive = read_drive(config.data)
+        if config.mount:
+            raise ValueError(f"--mount is for a dataset; the cameras of {config.data} are where Zhurong has them")
+        drive, spec = read_drive(config.data), ZHURONG
         frames, title, area = list(driven(drive)), config.data.name, area_of(drive)
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
     else:
         frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
-        goal = _world(frames[0], config.goal or AHEAD)
-    recorder = DriveRecorder(goal, ZHURONG)
+        goal, spec = _world(frames[0], config.goal or AHEAD), replace(ZHURONG, mount=_mount(config))
+    recorder = DriveRecorder(goal, spec)
     with ExitStack() as opened:
         watches: list[Watch] = []
         if config.bag is not None:
             bag = opened.enter_context(StereoBagWriter(config.bag))
             start = frames[0]
-            bag.write_goal(_stamp(start), np.array([*goal, start.body()[2, 3]]))
+            bag.write_goal(_stamp(start), np.array([*goal, start.body(spec)[2, 3]]))
             watches.append(partial(write_look, bag))
         if config.view:
             watches.append(partial(_record, recorder))
@@ -248,7 +261,7 @@ def _work(config: ReplayConfig) -> None:
             for each in watches:
                 each(frame, navigator, command)
 
-        commands = replay(frames, goal, watch=watch, area=area)
+        commands = replay(frames, goal, spec, watch, area)
     print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
     for number, c in enumerate(commands):
         pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"
@@ -257,6 +270,24 @@ def _work(config: ReplayConfig) -> None:
     print(f"{counted(len(commands), 'command')} for {counted(len(frames), 'frame')}{written}")
     if config.view:
         show(recorder.shots, title)
+
+
+def _mount(config: ReplayConfig) -> CameraMount:
+    """Return where the cameras of a dataset are on the rover."""
+    if config.mount is not None:
+        x, height, pitch_deg = config.mount
+        return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg)))
+    samples = StereoDataset(config.data)
+    first = next(n for n, name in enumerate(samples.names) if int(name.split("/")[0]) == config.scene)
+    recorded = recorded_mount(samples[first].meta)
+    if recorded is None:
+        print(
+            f"warning: {config.data}: does not say where its cameras are on the rover, so Zhurong's place is assumed; "
+            "give --mount",
+            file=sys.stderr,
+        )
+        return ZHURONG.mount
+    return CameraMount.of_left_eye(recorded, samples[first].rig.baseline)[0]
 
 
 def _record(recorder: DriveRecorder, frame: Frame, navigator: Navigator, command: Command) -> None:

@@ -31,13 +31,13 @@ from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.poses import ASSUMED_KEY, MOUNT_ASSUMED
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from m3depth.prediction.step_figure import steps_record
-from m3depth.rectification.files import ROVER_KEY
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
 from marssim.base.command.run import describe
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import counted
 from marssim.base.files.json_file import read_json
+from marssim.base.pose import ROVER_KEY
 from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import source_digest, versions
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from m3depth.prediction.files import CLOUD, FIGURE, RECORD, read_cloud
 from m3depth.prediction.fused_cloud import fuse
-from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import spread
 from marssim.base.command.wording import without_middle
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
 from marssim.base.files.png import decode_png
 from marssim.base.images.video_file import written_video
+from marssim.base.pose import ROVER_KEY
 
 SHEET, VIDEO, FUSED = "overview.jpg", "video.mp4", "fused_cloud.ply"
 MOST, COLUMNS = 20, 4  # pictures of the sheet

@@ -16,11 +16,11 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.inputs import Inputs
 from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.video_frames import VideoFrames
-from m3depth.rectification.files import ROVER_KEY
 from m3depth.stereo.pairs import in_colour
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.map_file import MapKind, find_map, read_map_file
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.pose import ROVER_KEY
 from marssim.base.view.clouds import view_of_maps
 from marssim.base.view.scene import Shot, View
 

@@ -14,12 +14,12 @@ from m3depth.rectification.raw_image import RawImage
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.files.png import encode_png
+from marssim.base.pose import ROVER_KEY
 from marssim.base.results.claim import ResultFolder
 
 RIG_FILE, REPORT, ROWS = "rig.json", "report.json", "rows.png"
 FILES = (*(f"{eye}{end}.png" for eye in ("left", "right") for end in ("", "_valid")), ROWS, RIG_FILE)
 UNFINISHED = '{"unfinished": "rectify this pair again"}\n'  # REPORT while the other files are written
-ROVER_KEY = "camera_to_rover"  # in RIG_FILE and in prediction.json: pose of the left camera on the rover
 NO_SCALE = "none: nothing gives the distance of the cameras, so depth has no unit"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 RIGID = 1e-3  # by which a recorded rotation may miss an orthonormal matrix
 FARTHEST = 1e6  # [m] largest coordinate of a camera
+ROVER_KEY = "camera_to_rover"  # by which files name the pose of the left camera on the rover
 
 
 def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -41,6 +41,25 @@ class CameraMount:
         position = np.array([self.x - half * np.sin(pan), half * np.cos(pan), self.height])
         return look_pose(position, yaw=pan, pitch=self.pitch)
 
+    @classmethod
+    def of_left_eye(cls, pose: np.ndarray, baseline: float) -> tuple[CameraMount, float]:
+        """Return the mast that holds the left camera where a pose says, and its pan [rad].
+
+        Roll, and how far the middle of the cameras lies beside the rover's, are left out.
+
+        Args:
+            pose: (4, 4) left camera to body.
+            baseline: Distance between the cameras [m].
+
+        Raises:
+            ValueError: The camera is not above the ground.
+        """
+        x, height = float(pose[0, 3]), float(pose[2, 3])
+        if not height > 0:
+            raise ValueError(f"the camera must be above the ground of the rover, got {height:g} m")
+        pan, pitch = float(np.arctan2(pose[1, 2], pose[0, 2])), float(np.arcsin(np.clip(-pose[2, 2], -1, 1)))
+        return cls(x + baseline / 2 * float(np.sin(pan)), height, pitch), pan
+
 
 @dataclass(frozen=True)
 class RoverSpec:

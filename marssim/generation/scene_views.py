@@ -12,6 +12,7 @@ from marssim.base.dataset.marks import SETTINGS
 from marssim.base.dataset.sample import is_complete, write_sample
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.pose import ROVER_KEY
 from marssim.generation.config import EGL, GenerateConfig
 from marssim.render.raw import RawRenderer
 from marssim.render.renderers.by_name import make_renderer
@@ -82,7 +83,7 @@ def draw_scene(config: GenerateConfig, scene_index: int) -> Scene:
     return build_scene(config.scene_config(scene_index), np.random.default_rng((config.seed, scene_index)))
 
 
-def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[Sensor, np.ndarray]:
+def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[Sensor, np.ndarray, np.ndarray]:
     """Draw the drive over a scene.
 
     Args:
@@ -91,12 +92,12 @@ def draw_drive(config: GenerateConfig, scene: Scene, scene_index: int) -> tuple[
         scene_index: Its number.
 
     Returns:
-        The sensor, one for the whole drive, and the poses (views_per_scene, 4, 4), left camera to world; see
-        draw_trajectory.
+        The sensor, one for the whole drive; the poses (views_per_scene, 4, 4), left camera to world; and (4, 4), left
+        camera to rover. See draw_trajectory.
     """
     rng, mast = np.random.default_rng((config.seed, scene_index, 0)), _mast(config, scene_index, 0)
     sensor = Sensor.draw(config.sensor, rng)
-    return sensor, draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng, mast)
+    return sensor, *draw_trajectory(scene, config.view, config.drive, config.views_per_scene, rng, mast)
 
 
 def draw_view(
@@ -145,7 +146,7 @@ def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Ge
 
 def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
     scene = draw_scene(config, scene_index)
-    sensor, poses = draw_drive(config, scene, scene_index) if config.trajectory else (None, None)
+    sensor, poses, mount = draw_drive(config, scene, scene_index) if config.trajectory else (None, None, None)
     renderer = make_renderer(config.renderer, scene, egl=config.rasterizer == EGL)
     try:
         shader = Shader(scene)
@@ -162,6 +163,8 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
             meta = _meta(config, scene, view_sensor, scene_index, view)
             if pan is not None and rover is not None:
                 meta["rover"] = {"pan_deg": float(np.rad2deg(pan)), "pose": rover.tolist()}
+            elif mount is not None:
+                meta[ROVER_KEY] = mount.tolist()
             raw = None
             if raw_renderer is not None:
                 noise = np.random.default_rng((config.seed, scene_index, 1 + view, RAW_DRAWS))

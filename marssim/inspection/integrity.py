@@ -16,7 +16,7 @@ from marssim.base.camera import StereoRig
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
 from marssim.base.dataset.marks import SETTINGS
-from marssim.base.dataset.sample import IMAGES, RAW, recorded_rover, recorded_time, sample_digest
+from marssim.base.dataset.sample import IMAGES, RAW, recorded_mount, recorded_time, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.lock import LOCK
 from marssim.base.right_image import is_rotation, recorded_rotation
@@ -232,7 +232,7 @@ def _check_meta(meta: dict[str, Any]) -> StereoRig:
         raise ValueError("pose is not a 4 x 4 rigid motion")
     recorded_rotation(meta.get("right_rotation"))
     recorded_time(meta, 0.0)
-    recorded_rover(meta)
+    recorded_mount(meta)
     _check_surface_ids(meta.get("surface_ids"))
     if "sun" in meta:
         sun = _numbers(meta["sun"], (3,))

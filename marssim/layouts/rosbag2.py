@@ -10,7 +10,7 @@ import numpy as np
 from marssim.base.bags.messages import SECOND
 from marssim.base.bags.reader import METADATA
 from marssim.base.bags.stereo_writer import StereoBagWriter
-from marssim.base.dataset.sample import recorded_rover, recorded_time
+from marssim.base.dataset.sample import recorded_mount, recorded_time
 from marssim.base.files.json_file import DatasetError
 from marssim.base.pose import recorded_pose
 from marssim.base.rover_spec import ZHURONG
@@ -21,9 +21,10 @@ ROS 2 bags (MCAP), one of each scene, as `SPLIT/SCENE`. `ros2 bag play SPLIT/SCE
 it without ROS. The topics are `/stereo/left/image_rect` and `/stereo/right/image_rect` (rgb8) with `camera_info` beside
 each, `/stereo/depth/image_rect` (32FC1 [m], left eye; inf in the sky), `/ground_truth/pose` (of `base_link` in `map`),
 `/odom`, `/tf` and `/tf_static`. Stamps begin at 1 s. Those of a drive are the times of its views; other views are 1 s
-apart. `base_link` is the rover, where the dataset records its pose (`--view.rover 1 1`). Elsewhere it is where a rover
-like Zhurong would be whose mast holds the left camera 1.2 m high and 20 deg down: it lies above or below the ground,
-and tilted, where the cameras have another height, pitch or roll.
+apart. `base_link` is the rover, where the dataset records its place: in a drive (`--trajectory`), and where it is in
+view (`--view.rover 1 1`). Elsewhere it is where a rover like Zhurong would be whose mast holds the left camera 1.2 m
+high and 20 deg down: it lies above or below the ground, and tilted, where the cameras have another height, pitch or
+roll.
 """
 
 
@@ -55,8 +56,8 @@ def _write_view(bag: StereoBagWriter, item: Item, number: int) -> None:
     try:
         stamp = round((1 + recorded_time(sample.meta, number)) * SECOND)
         camera = recorded_pose(sample.meta.get("pose"))
-        rover = recorded_rover(sample.meta)
-        body = _rover_at(camera, sample.rig.baseline) if rover is None else rover
+        mount = recorded_mount(sample.meta)
+        body = _rover_at(camera, sample.rig.baseline) if mount is None else camera @ np.linalg.inv(mount)
     except ValueError as error:
         raise DatasetError(f"{file}: {error}") from None
     bag.write_images(stamp, sample.left, sample.right, sample.rig)

@@ -58,7 +58,7 @@ class TrajectoryConfig:
 def draw_trajectory(
     scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator,
     mast: Mast | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Draw the camera's poses along a smooth path past the rocks, in the middle of the scene.
 
     From pose to pose, the rover's middle moves `config.step` along the path, measured on the map. It keeps half the
@@ -76,7 +76,7 @@ def draw_trajectory(
         mast: Where the rover has the camera, if it is in view; its pan is held over the drive.
 
     Returns:
-        (count, 4, 4) left camera to world.
+        (count, 4, 4) left camera to world, and (4, 4) left camera to rover, which stays over the drive.
 
     Raises:
         ValueError: No such path was found.
@@ -92,7 +92,7 @@ def draw_trajectory(
         path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng, beside)
         if path is not None:
             bodies = [stand_on(scene, *state) for state in path[::strides]]
-            return np.stack([body @ eye for body in bodies])
+            return np.stack([body @ eye for body in bodies]), eye
     raise ValueError(
         f"scene {scene.config.preset}: in {TRIES} tries no path of {(count - 1) * config.step:g} m past the rocks and "
         f"steep ground was found; choose a smaller `rocks.k`, `views_per_scene` or `drive.step`"

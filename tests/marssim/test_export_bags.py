@@ -93,7 +93,7 @@ def test_a_drive_has_its_times_and_a_recorded_rover_its_pose(closed_form_set, tm
     found = messages(tmp_path / "out/train/00000")
     assert [(m.header.stamp.sec, m.header.stamp.nanosec) for m in found["/odom"]] == [(1, 0), (8, 250_000_000)]
     position = found["/ground_truth/pose"][1].pose.position
-    assert (position.x, position.y, position.z) == (4, 5, 0.1)
+    assert (position.x, position.y, position.z) == pytest.approx((4, 5, 0.1))
     np.testing.assert_allclose(camera_in_map(found, 1), read_json(file)["pose"], atol=1e-9)
 
 

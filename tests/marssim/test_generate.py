@@ -7,6 +7,7 @@ import sys
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -539,7 +540,7 @@ def test_one_pair_is_counted_in_the_singular(tmp_path, capfd):
 
 def test_the_drive_that_is_tried_before_the_folder_is_claimed_is_the_one_that_is_rendered(tmp_path, monkeypatch):
     """For every place of a mixture, the first scene that is drawn from it; and the cameras of its single views."""
-    drawn: list[np.ndarray] = []
+    drawn: list[Any] = []
 
     def kept(function):
         def keep(*args):
@@ -555,7 +556,8 @@ def test_the_drive_that_is_tried_before_the_folder_is_claimed_is_the_one_that_is
         asked = config(tmp_path / f"{trajectory}", trajectory=trajectory, renderer="scan", scenes=scenes)
         drawn.clear()
         command._check(asked)
-        tried = {np.reshape(poses, (-1, 4, 4))[0].tobytes() for poses in drawn}
+        poses = [drive[0] for drive in drawn] if trajectory else drawn
+        tried = {np.reshape(of_views, (-1, 4, 4))[0].tobytes() for of_views in poses}
         whole = generate_dataset(asked)
         assert {np.array(whole[i].meta["pose"]).tobytes() for i in (0, 2)} == tried and len(tried) == 2
 
@@ -568,6 +570,8 @@ def test_a_drive_is_one_way_with_its_poses_beside_it(tmp_path):
     }  # fmt: skip
     drove = [s.meta for s in whole][:3]
     assert drove[0]["sensor"] == drove[2]["sensor"] and drove[0]["sun"] == drove[2]["sun"]
+    mounts = {str(m["camera_to_rover"]) for m in drove}  # one place on the rover, whose pose is the camera's by it
+    assert len(mounts) == 1 and "rover" not in drove[0]
     lines = (tmp_path / "set" / "scenes" / "00000" / "trajectory.txt").read_text().splitlines()
     table = np.array([line.split() for line in lines if not line.startswith("#")], dtype=float)
     assert np.allclose(table[:, 0], [0, 5, 10])

@@ -158,7 +158,7 @@ def test_a_dataset_of_random_views_is_refused(folder, tmp_path, capsys, number):
     copy = shutil.copytree(folder, tmp_path / "copy")
     names = StereoDataset(folder).names[:number]
     write_index(copy, {"seed": 1, "trajectory": True}, names)
-    assert main([str(copy)]) == 0
+    assert main([str(copy), "--mount", "0.65", "1.2", "20"]) == 0
     assert capsys.readouterr().err == ""
     write_index(copy, {"seed": 1, "trajectory": False}, names)
     assert main([str(copy)]) == 2
@@ -262,3 +262,27 @@ def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):
         assert main(arguments) == 2
         error = capsys.readouterr().err
         assert named in error and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, capsys):
+    """The rock, 0.6 m high and 5 m ahead, is 0.6 m higher or lower if the cameras are."""
+    command = [str(folder), "--goal", "20", "0"]
+    assert main(command) == 0
+    as_on_zhurong = capsys.readouterr()
+    assert as_on_zhurong.err.startswith(f"warning: {folder}: does not say where its cameras are on the rover")
+    assert main([*command, "--mount", "0.65", "1.2", "20"]) == 0
+    assert capsys.readouterr() == (as_on_zhurong.out, "")
+    assert main([*command, "--mount", "0.65", "1.2", "45"]) == 0
+    assert capsys.readouterr().out != as_on_zhurong.out
+
+    data = tmp_path / "drive"
+    shutil.copytree(folder, data)
+    for sample in data.glob("scenes/*/*/sample.json"):
+        mount = ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+        write_json(sample, {**read_json(sample), "camera_to_rover": mount.tolist()})
+    assert main([str(data), "--goal", "20", "0"]) == 0
+    assert capsys.readouterr() == (as_on_zhurong.out, "")
+
+    for flag in (["0.65", "0", "20"], ["0.65", "1.2", "91"]):
+        assert main([*command, "--mount", *flag]) == 2
+        assert "--mount must be metres ahead, metres above 0, and -90 to 90 degrees" in capsys.readouterr().err

@@ -22,7 +22,7 @@ from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
-from m3depth.prediction.sources.poses import given_rover_pose, read_poses, rover_pose
+from m3depth.prediction.sources.poses import given_rover_pose, read_poses, rolled, rover_pose, sample_mount, sample_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
 from m3depth.prediction.sources.recording import Recording
 from m3depth.prediction.sources.video_frames import SUFFIXES, VideoFrames
@@ -32,8 +32,7 @@ from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
 from marssim.base.command.input_file import check_file
 from marssim.base.dataset.dataset import StereoDataset
-from marssim.base.files.json_file import DatasetError, read_json
-from marssim.base.pose import recorded_pose
+from marssim.base.files.json_file import DatasetError
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ class Inputs:
 
     def has_pose(self, pair: PairInput) -> bool:
         """Return whether the pose of the left camera in a world is known."""
-        return pair.pose is not None or (pair.sample is not None and _sample_pose(pair.sample) is not None)
+        return pair.pose is not None or (pair.sample is not None and sample_pose(pair.sample) is not None)
 
     def pose(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray | None:
         """Return the pose of the left camera, (4, 4) camera to a world with z up; None if it is unknown.
@@ -106,7 +105,7 @@ class Inputs:
             DatasetError: A file records something else than a pose; the message names it.
         """
         if pair.pose is None:
-            return None if pair.sample is None else _sample_pose(pair.sample)
+            return None if pair.sample is None else sample_pose(pair.sample)
         if options.poses is None:
             return pair.pose
         pose = pair.pose if pair.raw_frame is None else pair.pose @ pair.raw_frame
@@ -119,11 +118,11 @@ class Inputs:
     def is_mount_assumed(self, pair: PairInput, options: PredictOptions) -> bool:
         """Return whether nothing says where the camera is on the rover, so that on_rover is a guess.
 
-        Datasets of marssim and Zhurong's cameras by name are of the rover whose place is assumed.
+        Zhurong's cameras by name are of the rover whose place is assumed.
         """
-        if pair.sample is not None or options.calib == (NATECAM_NAME,) or pair.on_rover is not None:
+        if options.calib == (NATECAM_NAME,):
             return False
-        return given_rover_pose(options, pair.given[0], 1.0) is None
+        return given_rover_pose(options, pair.given[0], 1.0, _recorded_on_rover(pair)) is None
 
     def on_rover(self, pair: PairInput, rig: StereoRig, options: PredictOptions) -> np.ndarray:
         """Return the pose of the left camera on the rover, (4, 4) camera to rover.
@@ -140,7 +139,10 @@ class Inputs:
         """
         if isinstance(self.recording, BagPairs) and pair.on_rover is not None:
             return pair.on_rover
-        return rover_pose(options, pair.given[0], rig.baseline, pair.on_rover)
+        recorded = _recorded_on_rover(pair)
+        pose = rover_pose(options, pair.given[0], rig.baseline, recorded)
+        is_known = options.mount is None and (recorded is not None or not self.is_mount_assumed(pair, options))
+        return pose if is_known or pair.raw_frame is None else rolled(pose, rig.baseline, pair.raw_frame)
 
     @cached_property
     def _first(self) -> PairInput:
@@ -334,13 +336,9 @@ def _with_calibration(pair: PairInput, file: Path) -> PairInput:
     return replace(pair, calibration=FileRig(file, pair.left)) if file.is_file() else pair
 
 
-def _sample_pose(file: Path) -> np.ndarray | None:
-    """Return the pose that sample.json records; None if it has none. Raises DatasetError that names the file."""
-    recorded = read_json(file).get("pose")
-    try:
-        return None if recorded is None else recorded_pose(recorded)
-    except ValueError as error:
-        raise DatasetError(f"{file}: {error}") from None
+def _recorded_on_rover(pair: PairInput) -> np.ndarray | None:
+    """Return what the bag, the label or the sample of a pair says of the left camera on the rover, (4, 4), or None."""
+    return pair.on_rover if pair.sample is None else sample_mount(pair.sample)
 
 
 def _dataset(path: Path, options: PredictOptions) -> Iterator[PairInput]:

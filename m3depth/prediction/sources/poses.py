@@ -1,4 +1,4 @@
-"""Poses of the left camera: files of them, and the frames of the rover and of the world.
+"""Poses of the left camera: files of them, samples that record them, and the frames of the rover and of the world.
 
 World and rover: z up. Camera: x right, y down, z forward. A pose is a (4, 4) matrix, camera to world [m].
 """
@@ -13,10 +13,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.rectification.files import ROVER_KEY, rig_beside
+from m3depth.rectification.files import rig_beside
 from marssim.base.calibration.bounded_text import read_text
+from marssim.base.dataset.sample import recorded_mount
 from marssim.base.files.json_file import DatasetError, read_json
-from marssim.base.pose import FARTHEST, recorded_pose
+from marssim.base.pose import FARTHEST, ROVER_KEY, recorded_pose
 from marssim.base.rover_spec import ZHURONG
 
 ASSUMED_KEY = "mount_assumed"  # in prediction.json: whether nothing says where the camera is on the rover
@@ -39,15 +40,33 @@ def mounted_camera_pose(mount: Sequence[float], baseline: float) -> np.ndarray:
     return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg))).left_eye(baseline)
 
 
+def rolled(pose: np.ndarray, baseline: float, raw_frame: np.ndarray) -> np.ndarray:
+    """Return the pose of a rectified left camera, on a rover or in a world where the raw cameras have no roll.
+
+    The cameras stay where their middle is, and look where they look. Their row of pixels leads from one to the other,
+    which a vertical offset between them tilts.
+
+    Args:
+        pose: (4, 4) pose of the left camera if it had no roll.
+        baseline: Distance of the cameras [m].
+        raw_frame: (4, 4) rectified left camera to the raw one.
+    """
+    x, y = raw_frame[:2, 0] / np.hypot(*raw_frame[:2, 0])
+    turn, middle = np.eye(4), np.eye(4)
+    turn[:2, :2] = [[x, -y], [y, x]]
+    middle[0, 3] = baseline / 2
+    return np.asarray(pose @ middle @ turn @ np.linalg.inv(middle))
+
+
 def rover_pose(options: PredictOptions, image: Path, baseline: float, recorded: np.ndarray | None = None) -> np.ndarray:
-    """Return the pose of the left camera on the rover: by --mount, or else what a bag or a label records, or else the
-    rig file, or Zhurong's.
+    """Return the pose of the left camera on the rover: by --mount, or else what a bag, a label or a sample records, or
+    else the rig file, or Zhurong's.
 
     Args:
         options: The command's flags.
         image: The left image, beside which m3depth.rectify may have written the rig file.
         baseline: Distance of the cameras [m].
-        recorded: (4, 4) what a bag or a label says.
+        recorded: (4, 4) what a bag, a label or a sample says.
 
     Returns:
         (4, 4) camera to rover.
@@ -75,6 +94,23 @@ def given_rover_pose(
         return recorded_pose(content)
     except ValueError as error:
         raise DatasetError(f"{file}: {ROVER_KEY}: {error}") from None
+
+
+def sample_pose(file: Path) -> np.ndarray | None:
+    """Return the pose that sample.json records; None if it has none. Raises DatasetError that names the file."""
+    recorded = read_json(file).get("pose")
+    try:
+        return None if recorded is None else recorded_pose(recorded)
+    except ValueError as error:
+        raise DatasetError(f"{file}: {error}") from None
+
+
+def sample_mount(file: Path) -> np.ndarray | None:
+    """Return the pose of the left camera on the rover by sample.json, as recorded_mount. Raises DatasetError."""
+    try:
+        return recorded_mount(read_json(file))
+    except ValueError as error:
+        raise DatasetError(f"{file}: {error}") from None
 
 
 def read_poses(path: Path) -> np.ndarray:

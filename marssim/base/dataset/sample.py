@@ -18,7 +18,7 @@ from marssim.base.dataset.frame import ROVER, SKY, StereoFrame
 from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import decode_png, encode_png
-from marssim.base.pose import recorded_pose
+from marssim.base.pose import ROVER_KEY, recorded_pose
 from marssim.base.right_image import image_disparity, recorded_rotation
 
 IMAGES = ("left.png", "right.png", "depth.png", "normal.png", "surface.png", "occluded.png")
@@ -183,6 +183,24 @@ def recorded_time(meta: dict[str, Any], otherwise: float) -> float:
     if isinstance(time, bool) or not isinstance(time, int | float) or not 0 <= time <= LATEST:
         raise ValueError(f"timestamp must be a number from 0 to {LATEST:g} s")
     return float(time)
+
+
+def recorded_mount(meta: dict[str, Any]) -> np.ndarray | None:
+    """Return the pose of the left camera on the rover, (4, 4) camera to rover; None if the sample does not tell.
+
+    Args:
+        meta: Content of sample.json. A drive has it as camera_to_rover; that of a rover in view follows from its pose.
+
+    Raises:
+        ValueError: A recorded pose is none.
+    """
+    if meta.get(ROVER_KEY) is not None:
+        try:
+            return recorded_pose(meta[ROVER_KEY])
+        except ValueError as error:
+            raise ValueError(f"{ROVER_KEY}: {error}") from None
+    rover = recorded_rover(meta)
+    return None if rover is None else np.asarray(np.linalg.inv(rover) @ recorded_pose(meta.get("pose")))
 
 
 def recorded_rover(meta: dict[str, Any]) -> np.ndarray | None:

@@ -34,7 +34,7 @@ def tilted() -> Scene:
 
 
 def drive(scene: Scene, seed: int, step: float = 0.4, count: int = COUNT) -> np.ndarray:
-    return draw_trajectory(scene, VIEW, TrajectoryConfig(step=step), count, np.random.default_rng(seed))
+    return draw_trajectory(scene, VIEW, TrajectoryConfig(step=step), count, np.random.default_rng(seed))[0]
 
 
 def room(scene: Scene, poses: np.ndarray) -> float:
@@ -153,11 +153,20 @@ def test_bad_values_are_named(change):
         TrajectoryConfig(**change)
 
 
+def test_the_place_of_the_camera_on_the_rover_puts_the_rover_on_the_ground(tilted):
+    for mast in (None, Mast(0.27, 0.7)):
+        poses, mount = draw_trajectory(tilted, VIEW, TrajectoryConfig(), COUNT, np.random.default_rng(4), mast)
+        bodies = poses @ np.linalg.inv(mount)
+        up = np.array([0, -np.sin(np.deg2rad(10)), np.cos(np.deg2rad(10))])
+        np.testing.assert_allclose(bodies[:, :3, 2], np.broadcast_to(up, (COUNT, 3)), atol=1e-3)
+        np.testing.assert_allclose(bodies[:, 2, 3], tilted.terrain.height_at(*bodies[:, :2, 3].T), atol=1e-3)
+
+
 def test_with_a_mast_the_rovers_middle_drives_along_the_path(tilted):
     """The camera stands where the turned mast carries it, so its own steps are others."""
     for pan in (2.2, -1.8):
         mast, config, rng = Mast(0.27, pan), TrajectoryConfig(step=0.4), np.random.default_rng(3)
-        poses = draw_trajectory(tilted, VIEW, config, COUNT, rng, mast)
+        poses, _ = draw_trajectory(tilted, VIEW, config, COUNT, rng, mast)
         middles = np.array([rover_below(tilted, pose, mast.baseline, pan) for pose in poses])
         steps = np.diff(middles[:, :2, 3], axis=0)
         assert np.abs(np.hypot(*steps.T) - 0.4).max() < 0.02

@@ -1,6 +1,7 @@
 """Every way to name the pairs, and what is said where it names none."""
 
 import json
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from m3depth.prediction.sources.poses import mounted_camera_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs
 from m3depth.rectification.options import RawOptions, RectifyOptions
 from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.base.files.json_file import DatasetError
+from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.rover_spec import ZHURONG
 
 RIG = StereoRig(PinholeCamera.centred(30, 20, 40.0), 0.2)
 
@@ -256,3 +258,24 @@ def test_two_pairs_of_one_name_are_refused(tmp_path):
         image(tmp_path / name)
     with pytest.raises(ValueError, match="two pairs have the name 1"):
         find(tmp_path, left="l/*.*", right="r/*.*")
+
+
+def test_the_place_of_the_cameras_on_the_rover_is_that_of_the_sample_or_assumed(plane_set, tmp_path):
+    data = tmp_path / "data"
+    shutil.copytree(plane_set, data)
+    options = PredictOptions((data,), Path("out"), cloud_frame="rover")
+    inputs = find(data)
+    first, second = inputs.pairs[:2]
+    assert inputs.is_mount_assumed(first, options)
+    np.testing.assert_array_equal(inputs.on_rover(first, RIG, options), ZHURONG.mount.left_eye(RIG.baseline))
+    for pair, change in ((first, "camera_to_rover"), (second, "rover")):
+        meta = read_json(pair.sample)
+        expected = mounted_camera_pose((0.3, 0.7, 40.0), RIG.baseline)
+        of_rover = {"pan_deg": 0.0, "pose": (np.array(meta["pose"]) @ np.linalg.inv(expected)).tolist()}
+        meta[change] = expected.tolist() if change == "camera_to_rover" else of_rover
+        write_json(pair.sample, meta)
+        assert not inputs.is_mount_assumed(pair, options)
+        np.testing.assert_allclose(inputs.on_rover(pair, RIG, options), expected, atol=1e-9)
+    write_json(first.sample, {**read_json(first.sample), "camera_to_rover": [1]})
+    with pytest.raises(DatasetError, match=r"sample.json: camera_to_rover: pose must be 4 rows"):
+        inputs.on_rover(first, RIG, options)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.poses import mounted_camera_pose, read_poses, rover_pose
+from m3depth.prediction.sources.poses import mounted_camera_pose, read_poses, rolled, rover_pose
 from marssim.base.rover_spec import ZHURONG
 
 
@@ -55,3 +55,14 @@ def test_the_rig_file_places_the_camera_unless_a_flag_does(tmp_path):
     (tmp_path / "rig.json").write_text('{"camera_to_rover": [1, 2]}')
     with pytest.raises(ValueError, match=r"rig.json: camera_to_rover: pose must be 4 rows of 4 finite numbers"):
         rover_pose(options, image, 0.3)
+
+
+def test_a_vertical_offset_of_level_raw_cameras_rolls_the_rectified_ones_about_their_middle():
+    level, baseline, angle = mounted_camera_pose((0.5, 1.2, 20.0), 0.4), 0.4, 0.2
+    raw_frame = np.eye(4)
+    raw_frame[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    pose = rolled(level, baseline, raw_frame)
+    raw = pose @ np.linalg.inv(raw_frame)
+    np.testing.assert_allclose(raw[:3, :3], level[:3, :3], atol=1e-12)  # whose rows are level
+    np.testing.assert_allclose(pose @ [0.2, 0, 0, 1], level @ [0.2, 0, 0, 1], atol=1e-12)
+    assert abs(pose[2, 0]) > 0.15  # the right eye lies lower
