@@ -38,7 +38,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.recording.drive_page import drive_path, write_drive_pages
 from envs.recording.recorder import Recorder
 from envs.recording.results_page import BEST, FILMED, WORST, write_results_page
-from envs.world.perception import load_perception, perception_digest
+from envs.world.perception import is_ours, load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
 from m3depth.runtimes.choice import recorded_runtime
@@ -360,10 +360,18 @@ def _drives_done(config: EvaluateConfig) -> str:
     return f"{done} of {counted(len(config.tasks), 'drive')} done"
 
 
-@cache
 def _perception(name: str, runtime: str) -> str | Estimator:
-    """Return what an environment takes as perception; each process loads a network once."""
-    return load_perception(name, runtime) or name
+    """Return what an environment takes as perception.
+
+    A class of the user is made anew for each drive, like a driver: what it keeps of one must not reach the next.
+    """
+    return (_shared_perception if is_ours(name) else load_perception)(name, runtime) or name
+
+
+@cache
+def _shared_perception(name: str, runtime: str) -> Estimator | None:
+    """Return a method that keeps nothing of a drive; each process loads a network once."""
+    return load_perception(name, runtime)
 
 
 def main(args: Sequence[str] | None = None) -> int:

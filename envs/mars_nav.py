@@ -11,11 +11,12 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
 from envs.courses.clearance import ObstacleClearance
-from envs.courses.course import Course, draw_course
+from envs.courses.course import Course
 from envs.courses.kept_scene import another_course
 from envs.observation.info import episode_info
 from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
+from envs.suites.drawn_course import draw_episode
 from envs.suites.draws import Condition, EpisodeDraws, EpisodeSettings, Number, Slip, stream_of_draws
 from envs.world.action import checked_action
 from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, known_scene
@@ -81,8 +82,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `envs.drivers.image_observation.ImageObservation` turns depth and map into the uint8 images that stable-baselines3
     expects, `envs.drivers.corridors.Corridors` the map into a short vector and the action into one number. What is seen
     at full size (stereo pair, depth, confidence, rig, pan) is `env.unwrapped.sight` (envs.world.perception.Sight),
-    beside the truth (its `true_depth` and `pose`) by which a driver must not drive; what it believes of its pose is
-    `believed_pose`.
+    beside the truth (its `true_depth` and `pose`) by which a driver must not drive; its odometry is `believed_pose`.
 
     ## Reward
 
@@ -187,7 +187,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `sun_elevation_deg` | the scene's    | 1 to 90  | height of the sun [deg]                    |
     | `into_sun`          | False          | bool     | the sun stands over the goal               |
     | `ditch`             | False          | bool     | a ditch cuts the straight path to the goal  |
-    | `scene_seed`        | drawn          | 0 and up | the course's seed, whatever the env's seed |
+    | `scene_seed`        | drawn          | 0 and up | seed of the course and of what is drawn    |
 
     ## Version history
 
@@ -197,8 +197,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
       them, and the preset `hard` has ditches. Before, only rocks counted.
     - Scenes have slabs, ledges and fragments, and rocks sit deeper in the ground, so a seed gives another course than
       in 0.1.0. Blocks of ledges of 0.30 m or more are obstacles like rocks.
-    - Images and true depth show the smooth ground with relief down to the pebble. The ground under the wheels is the
-      grid of 0.1 m, without it. Before, both were the facets of this grid.
+    - Images and true depth show the smooth ground with relief down to the pebble. Under the wheels is the grid of
+      0.1 m, without it. Before, both were the facets of this grid.
     - A kinematic rover stops where it tilts by more than 30 deg.
     - `slip`, `eyes`, `condition`, ranges and `episodes_per_scene` are off by default, where nothing changes.
     """
@@ -280,20 +280,20 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         super().reset(seed=seed)
         if seed is not None or self.settings is None:
             self._draw_rng, self._episodes_left = stream_of_draws(self.np_random_seed), 0
-        if self._episodes_left > 0 and not options and self.course is not None and self.settings is not None:
-            self._episodes_left -= 1
-            self._close_view()  # it still follows the last drive
-            self.course = another_course(self.course, self.settings.course, self.np_random)
-        else:
-            self.settings = self.draws.draw(self._draw_rng).with_options(options or {})
-            self.close()
-            self.course = draw_course(self.settings.scene, self.settings.course, self.rover_spec, self.np_random)
-            self._obstacle_clearance = ObstacleClearance(self.course.scene, self.rover_spec, self.course.ground.steep)
-            self._episodes_left = 0 if options else self.episodes_per_scene - 1
         try:
+            if self._episodes_left > 0 and not options and self.course is not None and self.settings is not None:
+                self._episodes_left -= 1
+                self._close_view()  # it still follows the last drive
+                self.course = another_course(self.course, self.settings.course, self.np_random)
+            else:
+                self.close()
+                self.settings, self.course = draw_episode(self.draws, options, self._draw_rng, self.np_random)
+                scene, steep = self.course.scene, self.course.ground.steep
+                self._obstacle_clearance = ObstacleClearance(scene, self.rover_spec, steep)
+                self._episodes_left = 0 if options else self.episodes_per_scene - 1
             return self._begin(self.course, self.settings)
         except BaseException:
-            self.close()  # a drive that is half begun cannot go on
+            self.close()  # the last drive is over, and one that is half begun cannot go on
             raise
 
     def _begin(self, course: Course, settings: EpisodeSettings) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

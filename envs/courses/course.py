@@ -244,6 +244,10 @@ class TrueGround:
         return length[:-1].reshape(n, n), onward[:-1]
 
 
+class NoWayError(ValueError):
+    """No way leads to a goal in many draws of a course; the message says what is too much for the rover."""
+
+
 @dataclass(frozen=True)
 class Course:
     """A scene with a start and a goal."""
@@ -304,7 +308,8 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
         rng: Source of the random draws, unless config.scene_seed is given.
 
     Raises:
-        ValueError: If 50 draws in a row have no way: k or the slope is too high for the rover; or as check_rocks.
+        NoWayError: If 50 draws in a row have no way: k or the slope is too high for the rover.
+        ValueError: As check_rocks.
     """
     check_rocks(base, config)
     if config.scene_seed is not None:
@@ -340,4 +345,4 @@ def draw_course(base: SceneConfig, config: CourseConfig, spec: RoverSpec, rng: n
     causes = f"k={rocks.k} and a slope of {relief.regional_slope_deg:g} deg"
     if relief.ditch_density:
         causes += f" with a ditch_density of {relief.ditch_density:g}"
-    raise ValueError(f"no goal can be reached in {REDRAWS} draws: {causes} leave no way; choose smaller values")
+    raise NoWayError(f"no goal can be reached in {REDRAWS} draws: {causes} leave no way; choose smaller values")

@@ -167,6 +167,10 @@ class EvaluateConfig:
             if isinstance(values, tuple) and len(set(values)) < len(values):
                 given = ", ".join(map(str, values))
                 raise ValueError(f"--{flag.replace('_', '-')} has a value twice: {given}; give each once")
+        for flag, numbers in (("--k", self.k), ("--slope-deg", self.slope_deg)):
+            if len({f"{number:.12g}" for number in numbers}) < len(numbers):
+                given = ", ".join(map(str, numbers))
+                raise ValueError(f"{flag} has values that are the same in 12 digits: {given}; give each once")
         for flag, most in ERROR_LIMITS.items():
             if not 0 <= getattr(self, flag) <= most:
                 raise ValueError(f"--{flag.replace('_', '-')} must lie in [0, {most}], got {getattr(self, flag)}")

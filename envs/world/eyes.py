@@ -47,8 +47,9 @@ class EyesConfig:
     jpeg_quality: float = LOSSLESS
     """Quality of the JPEG that the perception sees the images after, 1 to 100; 100 does not compress them."""
     look_every: float = 0.0
-    """Way after which the rover looks again [m], 0 to 100. It also looks after a step in which it was to stand still. 0
-    looks after every step, which is 0.4 m at most."""
+    """Way after which the rover looks again [m], 0 to 100: at the end of the first step, of 0.4 m at most, by which it
+    has driven this far. Straight ahead a step is a little less than 0.4 m, so 4 is a look every 4.4 m. It also looks
+    after a step in which it was to stand still. 0 looks after every step."""
 
     def __post_init__(self) -> None:
         for name, (low, high, unit) in EYES_LIMITS.items():

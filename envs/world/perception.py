@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import errors_of
-from m3depth.estimator import Estimator, EstimatorName, checked_prediction, load_estimator
+from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, checked_prediction, load_estimator
 from m3depth.runtimes.choice import check_runtime
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM, StereoRig
@@ -74,6 +74,11 @@ def load_perception(perception: str | Estimator, runtime: str = "auto") -> Estim
         check_runtime(runtime)
         return None
     return load_estimator(perception, "`perception`", (GROUND_TRUTH,), runtime=runtime)
+
+
+def is_ours(perception: str) -> bool:
+    """Return whether a name is of a method of this project, which keeps nothing from one pair to the next."""
+    return ":" not in perception or perception.startswith(f"{M3DEPTH}:")
 
 
 def perception_digest(perception: str) -> str | None:
@@ -144,7 +149,21 @@ class Perception:
         return self.eyes.rig
 
     def open(self, scene: Scene, rng: np.random.Generator) -> None:
-        """Turn to a scene. The renderer of one that is open already stays; rng draws the detector and its noise."""
+        """Turn to a scene, for a new drive.
+
+        The renderer of one that is open already stays. An estimator that has a method begin_drive, without
+        arguments, is told so that it forgets the last drive.
+
+        Args:
+            scene: The scene.
+            rng: Draws the detector and its noise.
+
+        Raises:
+            UserCodeError: If `begin_drive` of a class of the user raises an exception.
+        """
+        if callable(forget := getattr(self.estimator, "begin_drive", None)):
+            with errors_of(self.estimator):
+                forget()
         if self.renderer is None or scene is not self._scene:
             self.close()
             self.renderer = make_renderer(self.renderer_name, scene)

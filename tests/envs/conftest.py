@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-import envs.mars_nav
 from envs.courses.course import Course, TrueGround
 from envs.drives.config import EvaluateConfig
 from envs.evaluate import evaluate
@@ -129,7 +128,7 @@ def on_course(make_env, monkeypatch):
     """A MarsNavEnv, after its reset, on a course made by hand."""
 
     def place(course, **changes):
-        monkeypatch.setattr(envs.mars_nav, "draw_course", lambda *_: course)
+        monkeypatch.setattr("envs.suites.drawn_course.draw_course", lambda *_: course)
         env = make_env(**changes)
         env.reset(seed=0)
         return env

@@ -410,7 +410,7 @@ def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
 
 def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):
     loads, closed = [], []
-    envs.evaluate._perception.cache_clear()
+    envs.evaluate._shared_perception.cache_clear()
     monkeypatch.setattr(
         "envs.evaluate.load_perception", lambda name, runtime: loads.append(name) or load_estimator("sgbm")
     )
@@ -420,7 +420,7 @@ def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monke
     for episode in range(3):
         for name in ("one", "two"):
             envs.evaluate.drive(config, Task("straight", name, Cell(), episode))
-    envs.evaluate._perception.cache_clear()
+    envs.evaluate._shared_perception.cache_clear()
     assert loads == ["one", "two"]
     assert len(closed) == 12 and closed[0::2] == closed[1::2]
 
@@ -480,6 +480,29 @@ def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path
     last = printed.strip().splitlines()[-1]
     message = r"envs\.world\.user_code\.UserCodeError: step 1 of course \d, .* by broken:Driver and ground_truth: "
     assert re.match(message + "broken:Driver raised ValueError: no feeling$", last)
+
+
+def test_a_class_of_the_user_is_made_anew_for_each_drive(tmp_path, monkeypatch):
+    """So what it remembers of one drive cannot reach the next, in whatever order they are driven."""
+    (tmp_path / "remembering.py").write_text(
+        "import numpy as np\nfrom m3depth import Prediction\nfirst_of_each = []\n"
+        "class Method:\n    last = None\n    def infer(self, left, right, rig):\n"
+        "        if self.last is None:\n            first_of_each.append(self)\n        self.last = left\n"
+        "        depth = np.full(left.shape[:2], 5, np.float32)\n"
+        "        return Prediction(depth, rig.fb / depth, None, np.ones_like(depth))\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    flags = {**QUICK, "perception": ("remembering:Method",), "eyes": EyesConfig(image_pixels=64)}
+    evaluate(EvaluateConfig(tmp_path / "out", episodes=2, seed=3, **flags))
+    assert len(set(map(id, sys.modules["remembering"].first_of_each))) == 2
+
+
+def test_values_that_name_one_cell_are_refused(tmp_path, capsys):
+    code, message = run(capsys, "--out", tmp_path / "out", "--k", "0.1", "0.1000000000000001")
+    assert code == 2
+    assert message == (
+        "error: --k has values that are the same in 12 digits: 0.1, 0.1000000000000001; give each once\n"
+    )
 
 
 def test_an_out_that_is_a_file_exits_with_one_line(tmp_path, capsys):

@@ -16,7 +16,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-import envs.mars_nav
 from envs.courses.course import CourseConfig, draw_course
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
@@ -535,6 +534,17 @@ def test_after_a_reset_in_which_the_perception_raised_another_one_is_needed(make
     env.step(AHEAD)
 
 
+def test_after_a_reset_with_a_wrong_option_another_one_is_needed(make_env):
+    env = make_env(goal_distance=3.0)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="k must"):
+        env.reset(seed=1, options={"k": 9})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(AHEAD)
+    env.reset(seed=0)
+    env.step(AHEAD)
+
+
 def test_either_renderer_can_be_seen_from_outside(make_env):
     env = make_env(renderer="pybullet", render_mode="rgb_array", goal_distance=3.0)
     env.reset(seed=0)
@@ -556,7 +566,7 @@ def test_a_scene_is_forgotten_before_the_next_one_is_made_and_at_the_end(make_en
         kept.extend(scene() is not None for scene in scenes)
         return draw_course(*arguments)
 
-    monkeypatch.setattr(envs.mars_nav, "draw_course", drawn)
+    monkeypatch.setattr("envs.suites.drawn_course.draw_course", drawn)
     for seed in (0, None, 1):
         env.reset(seed=seed)
         env.render()

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import envs.mars_nav
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drives.episodes import Cell, run_episode
 from envs.mars_nav import MarsNavEnv
@@ -34,7 +33,7 @@ def record_drive(make_scene, make_course, tmp_path_factory):
         env = MarsNavEnv(perception, "kinematic", goal_distance=6.5, mast=True, eyes=eyes, align_rows=False)
         recorder = Recorder()
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(envs.mars_nav, "draw_course", lambda *_: course)
+            patch.setattr("envs.suites.drawn_course.draw_course", lambda *_: course)
             outcome = run_episode(env, driver, Cell(), 5, 0, (driver_name(driver), name), recorder.watch)
         env.close()
         path = tmp_path_factory.mktemp("drives") / f"{name}.zip"

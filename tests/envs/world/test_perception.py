@@ -4,6 +4,7 @@ import pytest
 from envs.drivers.builtin import NavigatorDriver
 from envs.world.eyes import EyesConfig
 from envs.world.perception import Perception
+from envs.world.user_code import UserCodeError
 from m3depth.estimator import EstimatorError
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import row_misalignment
@@ -164,3 +165,21 @@ def test_the_blind_navigator_stands(make_env):
         np.testing.assert_array_equal(action, 0)
         observation, *_, info = env.step(action)
     assert info["path_length"] == 0
+
+
+def test_an_estimator_forgets_the_last_drive_where_it_can(scene):
+    class Remembering(Everywhere):
+        def begin_drive(self):
+            self.shown.clear()
+
+    perception = Perception(Remembering(), "embree", EyesConfig(image_pixels=64))
+    for _ in range(2):
+        opened(perception, scene).look(POSE, 0.0)
+        assert len(perception.estimator.shown) == 1
+
+    class Failing(Everywhere):
+        def begin_drive(self):
+            raise OSError("no memory of it")
+
+    with pytest.raises(UserCodeError, match="Failing raised OSError: no memory of it"):
+        opened(Perception(Failing(), "embree"), scene)
