@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -279,3 +280,17 @@ def test_the_place_of_the_cameras_on_the_rover_is_that_of_the_sample_or_assumed(
     write_json(first.sample, {**read_json(first.sample), "camera_to_rover": [1]})
     with pytest.raises(DatasetError, match=r"sample.json: camera_to_rover: pose must be 4 rows"):
         inputs.on_rover(first, RIG, options)
+
+
+def test_a_mount_that_is_given_is_of_level_raw_cameras_and_a_recorded_one_of_the_rectified(tmp_path):
+    pair = (image(tmp_path / "l.png"), image(tmp_path / "r.png"))
+    angle, raw_frame = 0.2, np.eye(4)
+    raw_frame[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    options = PredictOptions(pair, Path("out"), mount=(0.0, 1.5, 10.0))
+    inputs = find(*pair, mount=(0.0, 1.5, 10.0))
+    level = inputs.on_rover(inputs.pairs[0], RIG, options)
+    raw = replace(inputs.pairs[0], raw_frame=raw_frame)
+    np.testing.assert_allclose((inputs.on_rover(raw, RIG, options) @ np.linalg.inv(raw_frame))[:3, :3], level[:3, :3],
+                               atol=1e-12)  # fmt: skip
+    recorded = replace(raw, on_rover=level)
+    np.testing.assert_array_equal(inputs.on_rover(recorded, RIG, replace(options, mount=None)), level)
