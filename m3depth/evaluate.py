@@ -101,6 +101,8 @@ class EvaluateOptions:
     """Folders of maps that other programs wrote, each scored in a row NAME. The maps hold disparity [px], or depth
     [m] with ",depth". ",scale=S" says that they hold S times that (-1 for RAFT-Stereo and Pandora); without it, S is 1,
     but 256 for disparity and 1000 for depth in PNG files. ",fill" fills unknown pixels from the background.
+    Where the principal points of the cameras differ (doffs), that is added to disparities of the images, but not to
+    those of m3depth.predict beside a prediction.json.
     m3depth/evaluation/recorded_maps.py lists the names of the files."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""

@@ -28,6 +28,7 @@ CalibrationFinder = Callable[[Path, Path], CalibrationReader]
 
 FITTED = 7  # window in which normals are fitted to depth [px], as wide as Normal-Assisted Stereo's
 LARGEST_SHIFT = 0.5  # of the width, by which a calibration's `shift` may move the right image
+SHIFT_KEY = "disparity_shift_px"  # in `meta` of a sample
 BREAK = 0.1  # share of the disparity by which one surface may change within 3 x 3 px
 
 
@@ -68,7 +69,7 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
 
     Unknown depth is NaN, with disparity 0; unknown normals are 0; there are no rocks. Sky has infinite depth, where the
     format marks it. The right image is moved where the cameras have different principal points (Middlebury's doffs);
-    the disparity then contains that difference.
+    the disparity then contains that difference, which `meta` holds as SHIFT_KEY, in pixels of the sample.
 
     Args:
         files: The files of the pair.
@@ -126,7 +127,10 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         valid = np.isfinite(depth) & (depth >= low) & (depth <= high)
     return StereoSample(
         left, right, depth, disparity, normal, valid, occluded, np.zeros(depth.shape, np.int32), rig,
-        {"files": {"left": str(files.left), "right": str(files.right), "truth": str(files.truth)}},
+        {
+            "files": {"left": str(files.left), "right": str(files.right), "truth": str(files.truth)},
+            SHIFT_KEY: calibration.shift * rig.camera.width / width,
+        },
     )  # fmt: skip
 
 

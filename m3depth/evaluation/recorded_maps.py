@@ -20,6 +20,10 @@ Negative values and NaN are unknown, in disparity infinite ones too, and in dept
 depth are sky, but in PFM files, which mark unknown pixels by it, an infinite depth is unknown. NAME_normal.npy,
 (H, W, 3) in the camera's frame, and NAME_confidence.npy, 0 to 1, are read too where they exist beside NAME.EXT; in a
 folder, normal.npy and confidence.npy.
+
+A disparity is x_left - x_right in the images as the dataset holds them. Where the principal points of its two cameras
+differ (Middlebury's doffs), that difference is added to disparities over 0, as it is to the true ones. Those of
+m3depth.predict, which lie beside its prediction.json, contain it already.
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ from typing import Literal
 import numpy as np
 
 from m3depth.datasets.image_files import decode_image
+from m3depth.prediction.files import RECORD
 from m3depth.stereo.filling import fill_background
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
@@ -143,13 +148,15 @@ class RecordedPredictions:
         """Return the names that a pair's file may have: those of the naming, or of all namings before it is known."""
         return [name for naming in ([self.naming] if self.naming else namings) for name in _names(pair, number, naming)]
 
-    def read(self, pair: str, number: int, rig: StereoRig) -> Prediction:
+    def read(self, pair: str, number: int, rig: StereoRig, shift: float = 0.0) -> Prediction:
         """Return the recorded maps of a pair as a Prediction.
 
         Args:
             pair: The pair's name in the dataset.
             number: Its place in the split.
             rig: The cameras of the pair.
+            shift: Difference of the principal points that the pair's true disparities contain [px]; it is added to
+                recorded ones, but not to those of m3depth.predict.
 
         Raises:
             FileNotFoundError: The pair has no file.
@@ -168,6 +175,9 @@ class RecordedPredictions:
         if path.suffix == ".png":
             known &= stored > 0
         values = np.where(known, values, np.float32(np.nan))
+        if self.kind == "disparity" and shift and not path.with_name(RECORD).is_file():
+            with np.errstate(invalid="ignore"):  # what is then beyond infinity counts as infinitely far
+                values = np.where(values > 0, np.maximum(values + np.float32(shift), 0), values)
         if self.kind == "disparity":
             disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
         else:

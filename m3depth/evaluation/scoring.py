@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from m3depth.datasets.pair_files import SHIFT_KEY
 from m3depth.estimator import Estimator, EstimatorError, for_pair, gets_truth, inferred
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
@@ -119,7 +120,8 @@ class Scoring:
         costs: dict[str, Cost] = {}
         for name, method in self.methods.items():
             if isinstance(method, RecordedPredictions):
-                predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig)
+                shift = sample.meta.get(SHIFT_KEY, 0.0)
+                predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig, shift)
                 continue
             method = for_pair(method, sample)
             infer = partial(_infer_aligned if self.align_rows else inferred, method)

@@ -4,7 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import read_map
+from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.recorded_maps import RecordedError, RecordedPredictions
 from m3depth.evaluation.scoring import evaluate
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -264,3 +266,43 @@ def test_sky_is_sky_in_disparity_and_in_depth(tmp_path, fill):
 def test_an_infinite_depth_is_unknown_in_a_pfm_file(tmp_path):
     put(tmp_path / "00003_05.pfm", np.full((H, W), np.inf, np.float32))
     assert np.isnan(RecordedPredictions(tmp_path, "depth").read(PAIR, NUMBER, RIG).depth).all()
+
+
+def middlebury(root, doffs, height=24, width=40):
+    """Write one scene whose cameras have different principal points; return its true disparity of the images [px]."""
+    truth = np.linspace(3, 11, width, dtype=np.float32)[None].repeat(height, 0)
+    for name, seed in (("im0.png", 0), ("im1.png", 1)):
+        put(root / "scene" / name, np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8))
+    put(root / "scene/disp0.pfm", truth)
+    (root / "scene/calib.txt").write_text(
+        f"cam0=[50 0 19.5; 0 50 11.5; 0 0 1]\ncam1=[50 0 {19.5 + doffs}; 0 50 11.5; 0 0 1]\ndoffs={doffs}\n"
+        f"baseline=270\nwidth={width}\nheight={height}\n"
+    )
+    return truth
+
+
+@pytest.mark.parametrize(("doffs", "resize"), [(3, 1.0), (-2, 1.0), (3, 0.5)])
+def test_disparities_of_the_images_score_perfectly_where_the_principal_points_differ(tmp_path, doffs, resize):
+    middlebury(tmp_path / "data", doffs)
+    pairs = open_pairs(tmp_path / "data", "all", DataConfig(resize=resize))
+    put(tmp_path / "maps/scene.npy", pairs[0].disparity - doffs * resize)
+    errors = evaluate(pairs, {"read": RecordedPredictions(tmp_path / "maps")}).pairs[0]["read"]
+    assert errors["epe"] < 1e-5 and errors["abs_rel"] < 1e-5
+
+
+def test_disparities_of_m3depth_predict_contain_the_difference_of_the_principal_points(tmp_path):
+    middlebury(tmp_path / "data", 3)
+    pairs = open_pairs(tmp_path / "data", "all")
+    put(tmp_path / "maps/scene/disparity.npy", pairs[0].disparity)
+    (tmp_path / "maps/scene/prediction.json").write_text("{}")
+    assert evaluate(pairs, {"read": RecordedPredictions(tmp_path / "maps")}).pairs[0]["read"]["epe"] < 1e-5
+
+
+def test_sky_stays_sky_and_what_the_principal_points_put_beyond_infinity_becomes_it(tmp_path):
+    values = DISPARITY.copy()
+    values[0, :4] = [0, 1.5, np.nan, 5]
+    put(tmp_path / "00003_05.npy", values)
+    nearer, farther = (RecordedPredictions(tmp_path).read(PAIR, NUMBER, RIG, shift) for shift in (2.0, -2.0))
+    np.testing.assert_array_equal(nearer.disparity[0, :4], np.float32([0, 3.5, np.nan, 7]))
+    np.testing.assert_array_equal(farther.disparity[0, :4], np.float32([0, 0, np.nan, 3]))
+    assert np.isposinf(nearer.depth[0, 0]) and np.isposinf(farther.depth[0, :2]).all()
