@@ -52,7 +52,7 @@ class DataConfig:
     """
     depth: str | None = None
     """Pattern of depth maps instead of disparity maps [m along the optical axis] (--format folder).
-    Their files are exr, npy, pfm, tiff or 16-bit png (millimetres).
+    Their files are exr, npy, pfm, tiff or 16-bit png (millimetres). Infinite depth is sky, but unknown in a pfm.
     """
     unit: float | None = None
     """Number that the maps store for 1 px of disparity or 1 m of depth, not 0. CREStereo's datasets have 32. Without

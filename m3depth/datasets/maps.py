@@ -23,7 +23,7 @@ def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: boo
     """Read a map of disparity [px] or depth [m].
 
     Disparity that is not finite or under 0 is unknown, and 0 too unless zero_is_far. Depth that is NaN, 0 or negative
-    is unknown; depth of 1 km and more is sky.
+    is unknown; depth of 1 km and more is sky. An infinite depth of a PFM file is unknown: such files mark it so.
 
     Args:
         path: The file: npy, exr, or an image that OpenCV reads.
@@ -48,6 +48,8 @@ def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: boo
     values = stored.astype(np.float32) / np.float32(unit or (PNG_UNIT[kind] if is_png else 1.0))
     with np.errstate(invalid="ignore"):
         if kind == "depth":
+            if path.suffix.lower() == ".pfm":
+                values = np.where(np.isinf(values), np.float32(np.nan), values)
             return np.where(values >= FAR, np.float32(np.inf), np.where(values > 0, values, np.float32(np.nan)))
         valid = np.isfinite(values) & ((values >= 0) if zero_is_far else (values > 0))
     return np.where(valid, values, np.float32(np.nan))
