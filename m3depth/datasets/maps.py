@@ -35,7 +35,8 @@ def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: boo
         (H, W) float32, NaN where unknown; sky has disparity 0 or depth inf.
 
     Raises:
-        DatasetError: The file is missing, unreadable, or a PNG of 8 bits without a unit; the message names it.
+        DatasetError: The file is missing, unreadable, of channels that differ, or a PNG of 8 bits without a unit; the
+            message names it.
         ImportError: An EXR file without OpenEXR; the message names the extra.
     """
     stored = _numbers(path)
@@ -79,12 +80,25 @@ def _numbers(path: Path) -> np.ndarray:
         values = None
     if values is None or values.dtype.kind not in "fiu" or values.ndim not in (2, 3):
         raise DatasetError(f"{path}: holds no map that can be read")
-    return values if values.ndim == 2 else values[..., 0]
+    if values.ndim == 2:
+        return values
+    is_image = path.suffix.lower() not in (".npy", ".exr")
+    return _only_channel(path, values[..., :3] if is_image else values)  # the fourth one of an image is alpha
+
+
+def _only_channel(path: Path, values: np.ndarray) -> np.ndarray:
+    """Return the first of equal channels (H, W, C). Raises DatasetError that names the file where they differ."""
+    first = values[..., :1]
+    if not np.array_equal(values, np.broadcast_to(first, values.shape), equal_nan=values.dtype.kind == "f"):
+        raise DatasetError(f"{path}: has {values.shape[2]} channels that differ; it must hold one number a pixel")
+    return np.ascontiguousarray(first[..., 0])
 
 
 def _exr(path: Path) -> np.ndarray:
     channels = exr_channels(path)
-    chosen = next((channels[name] for name in DEPTH_CHANNELS if name in channels), None)
+    chosen = next((name for name in DEPTH_CHANNELS if name in channels), None)
     if chosen is None:
         raise ValueError("no depth channel")
-    return chosen
+    if chosen == "R":  # of a picture, whose channels repeat the depth
+        return np.dstack([channels[name] for name in "RGB" if name in channels])
+    return channels[chosen]
