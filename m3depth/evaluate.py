@@ -240,6 +240,9 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         progress=partial(_watched, len(dataset) if options.limit is None else min(options.limit, len(dataset))),
         saved_state=saved_state,
     )
+    if not evaluation.scored_pixels:
+        saved_state.remove()
+        raise DatasetError(f"{options.data}: {evaluation.nothing_scored(dataset)}")
     about = {
         "data": str(options.data),
         "data_sha256": getattr(dataset, "digest", None),

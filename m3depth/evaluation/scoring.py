@@ -10,20 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from m3depth.datasets.labels import advice
 from m3depth.datasets.pair_files import SHIFT_KEY
 from m3depth.estimator import Estimator, EstimatorError, for_pair, gets_truth, inferred
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.recorded_maps import RecordedPredictions
+from m3depth.evaluation.report import depth_range_text
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scores import NormalScores, ScoredPair, Scores
 from m3depth.stereo.degradation import Degradation
-from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, scene_name, spread
+from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, scene_name, scored_depths, spread
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import align_rows, columns_in_given_image
 from marssim.base.camera import StereoRig
 from marssim.base.command.signals import stop_on_signal
+from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError
 
 NOT_FIGURES = {"seconds", "kinds", "counts"}  # entries of a method's record of a pair that have no median over images
@@ -53,6 +56,20 @@ class Evaluation:
     true_depth_normals: dict[str, Any] = field(default_factory=dict)
     examples: list[Example] = field(default_factory=list)
     worst: list[Example] = field(default_factory=list)
+
+    @property
+    def scored_pixels(self) -> int:
+        """Number of scored pixels, with those of large disparities, which is the same for every method."""
+        depth = next(iter(self.results.values()))["depth"]
+        return int(depth["all"]["pixels"] + depth["near"]["pixels"])
+
+    def nothing_scored(self, dataset: StereoPairs) -> str:
+        """Return the message on an evaluation of these pairs that scored no pixel: why, and what to check."""
+        has_sky = any(result["sky"]["pixels"] for result in self.results.values())
+        return (
+            f"no pixel of {counted(len(self.pairs), 'pair')} is scored, since none has a "
+            f"{depth_range_text(scored_depths(dataset))}; {advice(dataset, has_sky)}"
+        )
 
 
 class Scoring:

@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, nullcontext
-from itertools import pairwise
 
 import cv2
 import torch
@@ -27,7 +26,7 @@ from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, data_names, progress_text, summary
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
-from m3depth.training.samples import PackedCache, batches, free_memory
+from m3depth.training.samples import PackedCache, batches, check_labels, free_memory, parts_of
 from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.results.claim import PARTIAL, ResultFolder
@@ -69,6 +68,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         local = int(os.environ.get("LOCAL_WORLD_SIZE", 1))
         cache = PackedCache(samples, free_memory() // 2 // local if config.cache else 0)
         check_crops(cache, samples, config.crop)  # before anything is written
+        check_labels(cache, samples)
         with ExitStack() as opened:
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
@@ -100,10 +100,9 @@ def check_crops(cache: PackedCache, samples: StereoPairs, size: tuple[int, int])
         samples: The same, which may be the JoinedPairs of several datasets.
         size: Height and width of the crops [px].
     """
-    ends = getattr(samples, "ends", [len(samples)])
-    for first, end in pairwise([0, *ends]):
-        if end > first:
-            check_crop(cache[first], size, pair_name(samples, first))
+    for part in parts_of(samples):
+        if part:
+            check_crop(cache[part.start], size, pair_name(samples, part.start))
 
 
 def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:

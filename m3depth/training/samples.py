@@ -12,20 +12,23 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 
+from m3depth.datasets.labels import advice
 from m3depth.datasets.state import state_of_pairs
 from m3depth.stereo.pairs import StereoPairs, pair_name
 from m3depth.training.augmentation import AugmentConfig, augment, check_crop, random_crop
 from m3depth.training.batch import Batch, finer_band, reduced, to_batch
-from m3depth.training.packing import PackedSample, pack
+from m3depth.training.packing import SKY, TRAINED, PackedSample, pack
+from marssim.base.command.wording import counted
 
 # Pixels of the rows that are trained at full resolution, over those of the reduced crop. The rows are as wide as the
 # crop, since the right eye sees their matches up to hundreds of pixels away.
 BAND = 1.5
+LABELLED = 8  # first pairs of a dataset, one of which must have a pixel that is trained
 
 
 class JoinedPairs:
@@ -85,6 +88,34 @@ class PackedCache:
                 self._kept[index] = packed
                 self.used += packed.nbytes
         return packed
+
+
+def parts_of(samples: StereoPairs) -> list[range]:
+    """Return the indices of each of the sequences that `samples` joins, or of all samples."""
+    return [range(first, end) for first, end in pairwise([0, *getattr(samples, "ends", [len(samples)])])]
+
+
+def check_labels(cache: PackedCache, samples: StereoPairs) -> None:
+    """Raise ValueError if the first pairs of a dataset, up to LABELLED, have no pixel whose depth is trained.
+
+    Args:
+        cache: The samples.
+        samples: The same, which may be the JoinedPairs of several datasets.
+    """
+    for number, part in enumerate(parts_of(samples)):
+        has_sky = False
+        for index in part[:LABELLED]:
+            flags = cache[index].flags
+            if (flags & TRAINED).any():
+                break
+            has_sky |= bool((flags & SKY).any())
+        else:
+            if part:
+                hint = advice(getattr(samples, "parts", [samples])[number], has_sky)
+                raise ValueError(
+                    f"{pair_name(samples, part.start)}: no pixel of {counted(len(part[:LABELLED]), 'pair')}, from this "
+                    f"one on, has a depth that can be trained; {hint}"
+                )
 
 
 def free_memory() -> int:

@@ -1,8 +1,11 @@
 """m3depth.train and m3depth.evaluate read any layout by the same flags."""
 
 import json
+import shutil
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 import torch
 from small_network import SMALL
@@ -10,6 +13,7 @@ from small_network import SMALL
 from m3depth import evaluate, train
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth
+from m3depth.stereo.classical import SGBM
 from marssim.export import ExportConfig, export
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
@@ -79,3 +83,34 @@ def test_what_cannot_be_read_is_one_line_and_exit_2(command, arguments, message,
     assert command(["--data", str(tmp_path), "--out", str(tmp_path / "out"), *limit, *arguments]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ") and message in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "what is known is sky, 1000 m and farther; if the maps hold millimetres, give --unit 1000"),
+        (["--unit", "-1"], "check the maps, --unit and --depth-range"),
+    ],
+)
+@pytest.mark.parametrize("command", [train.main, evaluate.main])
+def test_maps_without_a_depth_that_can_be_used_end_a_command_in_one_line(
+    kitti, tmp_path, monkeypatch, capsys, command, arguments, message
+) -> None:
+    """Depth in millimetres in npy files counts as sky."""
+    monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda *_, **__: SGBM())
+    for folder, file in (("image_2", "l"), ("image_3", "r")):
+        (tmp_path / "data" / file).mkdir(parents=True)
+        for path in (kitti / "train/training" / folder).glob("*_10.png"):
+            shutil.copy(path, tmp_path / "data" / file / path.name)
+    for path in (tmp_path / "data/l").iterdir():
+        np.save(tmp_path / "data" / f"{path.stem}.npy", np.full(cv2.imread(str(path)).shape[:2], 4000, np.float32))
+    out = tmp_path / "out"
+    words = ["--data", str(tmp_path / "data"), "--out", str(out), "--focal", "70", "--baseline", "0.27"]
+    words += ["--left", "l/*.png", "--right", "r/*.png", "--depth", "*.npy", "--device", "cpu", *arguments]
+    words += ["--max-steps", "1", "--crop", "32", "64"] if command is train.main else ["--split", "all"]
+    assert command(words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[-1].startswith("error: ") and lines[-1].endswith(message)
+    assert [line for line in lines if line.startswith("error")] == lines[-1:]
+    assert not out.exists() or not list(out.iterdir())

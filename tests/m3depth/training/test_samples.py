@@ -1,3 +1,4 @@
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from m3depth.training.augmentation import AugmentConfig, crop, random_crop, resi
 from m3depth.training.batch import whole_batch
 from m3depth.training.losses import consistency_residual
 from m3depth.training.packing import TRAINED, pack, reduction_of
-from m3depth.training.samples import JoinedPairs, PackedCache, batches, make_batch, sample_index
+from m3depth.training.samples import JoinedPairs, PackedCache, batches, check_labels, make_batch, sample_index
 from marssim.base.camera import NATECAM
 
 
@@ -270,3 +271,11 @@ def test_several_sequences_are_one_in_their_order() -> None:
             joined[outside]
     with pytest.raises(IndexError, match="0 samples"):
         JoinedPairs([])[0]
+
+
+def test_a_first_pair_without_labels_does_not_end_a_training(plane_samples) -> None:
+    nowhere = np.full_like(plane_samples[0].depth, np.nan)
+    blank = replace(plane_samples[0], depth=nowhere, disparity=np.zeros_like(nowhere))
+    for samples, is_refused in (([blank, plane_samples[1]], False), ([blank] * 9, True)):
+        with pytest.raises(ValueError, match="no pixel of 8 pairs, from this one on") if is_refused else nullcontext():
+            check_labels(PackedCache(samples, 1 << 30), samples)

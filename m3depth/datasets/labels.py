@@ -1,0 +1,20 @@
+"""What is to be done about pairs whose true maps give nothing to score or to train."""
+
+from __future__ import annotations
+
+from m3depth.datasets.maps import FAR
+from m3depth.stereo.pairs import StereoPairs
+
+
+def advice(pairs: StereoPairs, has_sky: bool) -> str:
+    """Return the end of a message on pairs without a usable pixel: what their maps hold, and which flags to check.
+
+    Args:
+        pairs: The pairs.
+        has_sky: Whether a pixel of them is sky.
+    """
+    takes_flags = hasattr(pairs, "config")  # datasets of marssim take none
+    if has_sky:
+        hint = "; if the maps hold millimetres, give --unit 1000" if takes_flags else ""
+        return f"what is known is sky, {FAR:g} m and farther{hint}"
+    return "check the maps, --unit and --depth-range" if takes_flags else "check the maps"
