@@ -83,7 +83,7 @@ class SGBM(Matcher):
     towards smaller disparities, by a fifth to half a pixel.
     """
     disparities: int | None = None
-    """Width of the search [px], a multiple of 16; None reaches to 0.84 m with the given rig."""
+    """Width of the search [px], a multiple of 16 up to 2032; None reaches to 0.84 m with the given rig, or 2032 px."""
     block: int = 3
     """Side of the matched window [px], odd."""
     uniqueness: int = 10
@@ -102,6 +102,8 @@ class SGBM(Matcher):
 
     def __post_init__(self) -> None:
         check_search(self.disparities, self.block)
+        if self.disparities is not None and self.disparities > SGBM_REACH:
+            raise ValueError(f"disparities must be at most {SGBM_REACH}, got {self.disparities}")
         if self.directions not in MODES:
             raise ValueError(f"directions must be 5 or 8, got {self.directions}")
         if not self.texture >= 0:
@@ -112,11 +114,7 @@ class SGBM(Matcher):
         left, right = grey_pair(left, right, rig)
         if left.shape[1] == 1:  # no disparity, and OpenCV refuses such images
             return np.full(left.shape, np.nan, np.float32)
-        reach = self.disparities or search_range(rig)
-        if reach > SGBM_REACH:
-            raise ValueError(
-                f"SGBM searches {SGBM_REACH} px at most, and here it would have to search {reach} px: reduce the images"
-            )
+        reach = self.disparities or min(search_range(rig), SGBM_REACH)
         # Without padding OpenCV leaves the first `reach` columns empty. A match inside the padding is discarded below.
         padded = [cv2.copyMakeBorder(image, 0, 0, reach, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
         matcher = cv2.StereoSGBM.create(

@@ -14,7 +14,7 @@ from m3depth.evaluation.without_truth.photometric import residuals
 from m3depth.prediction.common_disparity import given_back
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
-from m3depth.stereo.classical import SGBM, SGBM_REACH, search_range
+from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
 
 COLUMNS = {  # title and number of decimals of each score
@@ -51,7 +51,7 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
         pair, cost = measured(pair.with_aligned_rows)
         aligning = cost.seconds
     left, right, rig = pair.left, pair.right, pair.rig
-    matched = SGBM(disparities=min(search_range(rig), SGBM_REACH)).match(left, right, rig)
+    matched = SGBM().match(left, right, rig)
     residual_of_sgbm = residuals(left, right, matched)
     scores, compared, agreeing = {}, {}, {}
     for name, method in methods.items():

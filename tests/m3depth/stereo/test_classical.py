@@ -197,8 +197,10 @@ def test_disparities_that_do_not_fit_into_16_bits_in_sixteenths_are_kept():
     assert np.nanmax(kept) == np.float32(3000.3)
 
 
-def test_a_search_that_sgbm_cannot_make_is_refused():
-    rig = StereoRig(PinholeCamera.centred(2400, 20, 4400.0), 0.45)
-    image = np.zeros((20, 2400), np.uint8)
-    with pytest.raises(ValueError, match="SGBM searches 2032 px at most, and here it would have to search 2368 px"):
-        SGBM().infer(image, image, rig)
+def test_sgbm_finds_small_disparities_where_the_rig_shows_larger_ones_than_it_can_search():
+    rig = StereoRig(PinholeCamera.centred(2400, 60, 4400.0), 0.45)  # 2357 px at 0.84 m
+    right = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (60, 2400), dtype=np.uint8), (0, 0), 1.0)
+    matched = SGBM().match(np.roll(right, 30, axis=1), right, rig)[:, 200:-200]
+    assert np.isfinite(matched).mean() > 0.95 and np.nanmedian(matched) == pytest.approx(30, abs=0.1)
+    with pytest.raises(ValueError, match="disparities must be at most 2032, got 2048"):
+        SGBM(disparities=2048)
