@@ -114,7 +114,7 @@ class EvaluateOptions:
     degrade: str | None = None
     """Degradation of the images before they are scored, as contrast=.33,blur=1,noise=2.5: contrast (a factor), blur
     (sigma [px]) and noise (sigma [grey levels]) of both images; vertical (offset downwards [px]) and gain (brightness
-    relative to the left) of the right one alone."""
+    relative to the left) of the right one alone. Maps of --predictions stay as recorded, and their rows say so."""
     seed: int = 0
     """Seed of the noise that --degrade adds."""
     max_disparity: float = MAX_DISPARITY
@@ -122,7 +122,7 @@ class EvaluateOptions:
     images larger than 512 px of the same view, give as many times more."""
     align_rows: bool = False
     """Align the rows of each pair where they lie significantly apart, before the estimators see it, as m3depth.predict
-    does. It counts to their time."""
+    does. It counts to their time. Maps of --predictions stay as recorded, and their rows say so."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """How the folder is read."""
 

@@ -29,6 +29,7 @@ EDGES = (
     "Edges of slabs: connected parts of slabs and ledges that stand 0.1 m and more above the ground around them. Their "
     "slabs count among the rocks too."
 )
+AS_RECORDED = "As recorded: maps that were read, of images that were neither degraded nor aligned by this command."
 # Decimals in the table for the terminal.
 DECIMALS = {
     "abs_rel": 4, "sq_rel": 4, "rmse": 3, "log10": 4, "delta1": 4, "delta2": 4, "delta3": 4, "epe": 3, "bad1": 4,
@@ -40,9 +41,14 @@ FIGURES = (
 
 
 def marked(results: Results) -> Results:
-    """Return results by the names that tables have for them: a method that gets the true depth is marked."""
+    """Return results by the names that tables have for them.
+
+    A method that gets the true depth is marked, and recorded maps beside methods that got changed images.
+    """
     return {
-        f"{name}, given the true depth" if result.get("gets_truth") else name: result
+        name
+        + (", given the true depth" if result.get("gets_truth") else "")
+        + (", as recorded" if result.get("as_recorded") else ""): result
         for name, result in results.items()
     }
 
@@ -68,17 +74,21 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     """Return the whole report as Markdown.
 
     Args:
-        about: data, split, pairs, weights, degrade, depth_range_m, max_disparity_px and versions.
+        about: data, split, pairs, weights, degrade, align_rows, depth_range_m, max_disparity_px and versions.
         results: Evaluation.results.
         true_depth_normals: Figures of the normals of planes fitted to the true depth, by kind of pixel.
     """
     results = marked(results)
     degrade = f", degraded by `{about['degrade']}` (seed {about['seed']})" if about["degrade"] else ""
+    aligned = ", rows aligned where they lay significantly apart" if about.get("align_rows") else ""
+    recorded = [AS_RECORDED, ""] if any(result.get("as_recorded") for result in results.values()) else []
     lines = [
         "# Evaluation",
         "",
-        f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}. Weights: {about['weights']}.",
+        f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}{aligned}. Weights: "
+        f"{about['weights']}.",
         "",
+        *recorded,
         f"Scored: every pixel of {depth_range_text(about['depth_range_m'])} and at most "
         f"{about['max_disparity_px']:g} px of disparity. None is dropped: unknown or infinite depth counts as "
         f"{DEPTH_CAP:g} m. `density` is the share with a finite depth. Seconds: median, without the first call of each "

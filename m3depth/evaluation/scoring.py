@@ -45,6 +45,7 @@ class Evaluation:
             "seconds" (median and mean per pair) and "memory_mib" (the most that the whole process held, and that was
             held on a GPU). These two are None for predictions that were read. "gets_truth": whether the true depth was
             given to the method. "normals_are_fitted": whether its own normals are those of planes fitted to its depth.
+            "as_recorded": whether its maps were read though the images of the others were changed.
         pairs: A record per pair, with the figures of each method.
         true_depth_normals: Figures of the normals that planes fitted to the true depth give, by kind.
         examples: Pairs for the figures.
@@ -154,6 +155,7 @@ class Scoring:
 
     def result(self) -> Evaluation:
         """Return the figures so far, without examples."""
+        changed = self.degradation is not None or self.align_rows
         results = {
             name: {
                 **score.result(),
@@ -161,6 +163,7 @@ class Scoring:
                 **_cost_figures(self._costs[name]),
                 "gets_truth": gets_truth(self.methods[name]),
                 "normals_are_fitted": not score.fit,
+                "as_recorded": changed and isinstance(self.methods[name], RecordedPredictions),
             }
             for name, score in self._scores.items()
         }
@@ -211,10 +214,11 @@ def evaluate(
         dataset: Samples with ground truth.
         estimators: The methods, by the name of their column.
         limit: Number of pairs to score, spread evenly over the dataset; None for all.
-        degradation: Applied to the images first; its noise depends on (seed, index) alone.
+        degradation: Applied to the images first; its noise depends on (seed, index) alone. Recorded maps stay.
         seed: Seed of that noise.
         max_disparity: Pixels of a larger true disparity [px] are scored separately.
-        align_rows: Align the rows of a pair where they lie significantly apart, before an estimator sees it.
+        align_rows: Align the rows of a pair where they lie significantly apart, before an estimator sees it. Recorded
+            maps stay.
         examples: Number of pairs to keep for the figures, evenly spread.
         worst: Number of pairs to keep of those in which the first method's error is largest.
         progress: Wraps the indices of the pairs, as marssim.base.command.progress.watched does.

@@ -8,7 +8,10 @@ from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import read_map
 from m3depth.datasets.open import open_pairs
 from m3depth.evaluation.recorded_maps import RecordedError, RecordedPredictions
+from m3depth.evaluation.report import AS_RECORDED, markdown_report, text_table
 from m3depth.evaluation.scoring import evaluate
+from m3depth.stereo.classical import SGBM
+from m3depth.stereo.degradation import Degradation
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.files.pfm import encode_pfm
 
@@ -306,3 +309,20 @@ def test_sky_stays_sky_and_what_the_principal_points_put_beyond_infinity_becomes
     np.testing.assert_array_equal(nearer.disparity[0, :4], np.float32([0, 3.5, np.nan, 7]))
     np.testing.assert_array_equal(farther.disparity[0, :4], np.float32([0, 0, np.nan, 3]))
     assert np.isposinf(nearer.depth[0, 0]) and np.isposinf(farther.depth[0, :2]).all()
+
+
+@pytest.mark.parametrize(("change", "is_marked"), [({"blur": 1.0}, True), ({"align_rows": True}, True), ({}, False)])
+def test_tables_mark_recorded_maps_beside_methods_whose_images_are_changed(tmp_path, plane_samples, change, is_marked):
+    samples = plane_samples[:1]
+    put(tmp_path / "000000.npy", samples[0].disparity)
+    degradation = Degradation(blur=change["blur"]) if "blur" in change else None
+    methods = {"read": RecordedPredictions(tmp_path), "run": SGBM()}
+    done = evaluate(samples, methods, degradation=degradation, align_rows="align_rows" in change)
+    about = {
+        "data": "planes", "split": "test", "pairs": 1, "weights": "shipped", "seed": 0,
+        "degrade": "blur=1" if degradation else None, "align_rows": "align_rows" in change,
+        "depth_range_m": (0.5, 15.0), "max_disparity_px": 192, "versions": {},
+    }  # fmt: skip
+    report = markdown_report(about, done.results, done.true_depth_normals)
+    assert ("| read, as recorded |" in report) == (AS_RECORDED in report) == is_marked
+    assert ("read, as recorded" in text_table(done.results)) == is_marked and "run, as recorded" not in report
