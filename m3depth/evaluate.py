@@ -36,6 +36,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from m3depth.datasets.config import DataConfig, Split, flag
+from m3depth.datasets.labels import NO_NORMALS
 from m3depth.datasets.open import open_pairs
 from m3depth.datasets.state import state_of_files, state_of_pairs
 from m3depth.estimator import (
@@ -268,6 +269,8 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     draw_evaluation(evaluation, options.out)
     saved_state.remove()
     print(text_table(evaluation.results))
+    if options.reader.normals == "depth" and not evaluation.true_depth_normals["all"]["pixels"]:
+        print(f"warning: {NO_NORMALS}", file=sys.stderr)
     print(f"{counted(len(evaluation.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
     return evaluation
 

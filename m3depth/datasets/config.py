@@ -74,8 +74,9 @@ class DataConfig:
     baseline: float | None = None
     """Distance between the two cameras [m], above 0 and up to 10, given with --focal."""
     normals: Literal["none", "depth"] = "none"
-    """Normals of datasets without true ones: none trains and scores depth alone; depth fits planes to it. Those that
-    --normal finds need no such choice.
+    """Normals of datasets without true ones: none trains and scores depth alone; depth fits planes to it, in windows
+    of 7 x 7 px of which every pixel is known: sparse maps, as of a lidar (KITTI), give few or none. Those that --normal
+    finds need no such choice.
     """
     resize: float = 1.0
     """Factor by which images are reduced when they are read, above 0 and at most 1; disparities and cameras follow."""

@@ -1,9 +1,15 @@
-"""What is to be done about pairs whose true maps give nothing to score or to train."""
+"""What is to be done about pairs whose true maps give no depth, or no normals, to score or to train."""
 
 from __future__ import annotations
 
 from m3depth.datasets.maps import FAR
+from m3depth.datasets.pair_files import FITTED
 from m3depth.stereo.pairs import StereoPairs
+
+NO_NORMALS = (
+    "--normals depth gives no normals, since it needs maps without gaps: it fits planes in windows of "
+    f"{FITTED} x {FITTED} px whose pixels are all known"
+)
 
 
 def advice(pairs: StereoPairs, has_sky: bool) -> str:

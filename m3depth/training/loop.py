@@ -11,6 +11,7 @@ import cv2
 import torch
 from torch import Tensor, nn
 
+from m3depth.datasets.labels import NO_NORMALS
 from m3depth.datasets.state import state_of_pairs
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.output import StereoOutput
@@ -26,7 +27,7 @@ from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, data_names, progress_text, summary
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
-from m3depth.training.samples import PackedCache, batches, check_labels, free_memory, parts_of
+from m3depth.training.samples import PackedCache, batches, check_labels, free_memory, parts_of, without_normals
 from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.results.claim import PARTIAL, ResultFolder
@@ -73,6 +74,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
                 announce(run, resumed, len(samples), len(held_out))
+                for name in without_normals(cache, samples) if config.reader.normals == "depth" else ():
+                    log.say(f"warning: {name} and the pairs after it: {NO_NORMALS}")
                 log.start(run.step, config.seed, str(state_of_pairs(samples)))
             stream = opened.enter_context(
                 closing(

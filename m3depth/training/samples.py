@@ -118,6 +118,20 @@ def check_labels(cache: PackedCache, samples: StereoPairs) -> None:
                 )
 
 
+def without_normals(cache: PackedCache, samples: StereoPairs) -> list[str]:
+    """Return the name of the first pair of each dataset whose first pairs, up to LABELLED, have no normals.
+
+    Args:
+        cache: The samples.
+        samples: The same, which may be the JoinedPairs of several datasets.
+    """
+    return [
+        pair_name(samples, part.start)
+        for part in parts_of(samples)
+        if part and not any(cache[index].normal.any() for index in part[:LABELLED])
+    ]
+
+
 def free_memory() -> int:
     """Return the free main memory [bytes]; 2 GB where the system does not report it."""
     try:

@@ -114,3 +114,21 @@ def test_maps_without_a_depth_that_can_be_used_end_a_command_in_one_line(
     assert lines[-1].startswith("error: ") and lines[-1].endswith(message)
     assert [line for line in lines if line.startswith("error")] == lines[-1:]
     assert not out.exists() or not list(out.iterdir())
+
+
+@pytest.mark.parametrize("command", [train.main, evaluate.main])
+def test_sparse_maps_warn_that_they_give_no_normals(kitti, tmp_path, monkeypatch, capsys, command) -> None:
+    monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda *_, **__: SGBM())
+    warning = "--normals depth gives no normals, since it needs maps without gaps"
+    words = ["--normals", "depth", "--device", "cpu"]
+    words += ["--max-steps", "1", "--crop", "32", "64", "--validate-samples", "0"] if command is train.main else []
+    for sparse in (False, True):
+        data = tmp_path / f"data{sparse}"
+        shutil.copytree(kitti, data)
+        for path in data.rglob("disp_occ_0/*.png") if sparse else ():
+            disparity = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            disparity[::5] = 0
+            cv2.imwrite(str(path), disparity)
+        assert command(["--data", str(data), "--out", str(tmp_path / f"out{sparse}"), *words]) == 0
+        assert (warning in capsys.readouterr().err) == sparse
