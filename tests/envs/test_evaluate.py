@@ -30,10 +30,10 @@ pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 QUICK = {
     "driver": ("straight",), "perception": ("ground_truth",), "dynamics": "kinematic", "goal_distance": 3.0,
-    "k": (0.01,), "videos": False,
+    "k": (0.01,), "videos": False, "eyes": EyesConfig(image_pixels=64, ground_truth_pixels=64),
 }  # fmt: skip
 FLAGS = ["--driver", "straight", "--perception", "ground_truth", "--dynamics", "kinematic", "--goal-distance", "3"]
-FLAGS += ["--k", "0.01", "--no-videos"]
+FLAGS += ["--k", "0.01", "--no-videos", "--image-pixels", "64", "--ground-truth-pixels", "64"]
 
 
 def without_times(value):
@@ -335,7 +335,7 @@ def test_the_best_and_the_worst_are_filmed_once(films, tmp_path, monkeypatch):
 
 
 def test_the_courses_that_are_named_are_written_as_bags_once(tmp_path, monkeypatch):
-    config = EvaluateConfig(tmp_path, episodes=1, seed=3, bag_courses=(0,), eyes=EyesConfig(image_pixels=64), **QUICK)
+    config = EvaluateConfig(tmp_path, episodes=1, seed=3, bag_courses=(0,), **QUICK)
     evaluate(config)
     (path,) = (tmp_path / "bags").iterdir()
     (record,) = (json.loads(file.read_text()) for file in (tmp_path / "episodes").glob("*-0000.json"))
@@ -472,7 +472,7 @@ def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)  # of the workers
-    flags = [*FLAGS, "--episodes", "2", "--workers", "2", "--driver", "broken:Driver", "--out", str(tmp_path / "out")]
+    flags = [*FLAGS, "--episodes", "1", "--workers", "2", "--driver", "broken:Driver", "--out", str(tmp_path / "out")]
     with pytest.raises(UserCodeError) as error:
         main(flags)
     printed = "".join(traceback.format_exception(error.value))
