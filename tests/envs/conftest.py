@@ -9,6 +9,7 @@ from envs.drives.config import EvaluateConfig
 from envs.evaluate import evaluate
 from envs.mars_nav import MarsNavEnv
 from envs.suites.making import make_suite, suite_text
+from envs.world.eyes import EyesConfig
 from marssim.base.rover_spec import ZHURONG
 from marssim.scene.look import Look
 from marssim.scene.place_file import save_place
@@ -113,7 +114,8 @@ def make_env(small_scene):
 
     def make(**changes):
         settings = {
-            "perception": "ground_truth", "dynamics": "kinematic", "scene": small_scene, "goal_distance": 6.0, **changes
+            "perception": "ground_truth", "dynamics": "kinematic", "scene": small_scene, "goal_distance": 6.0,
+            "eyes": EyesConfig(image_pixels=64, ground_truth_pixels=64), **changes,
         }  # fmt: skip
         made.append(MarsNavEnv(**settings))
         return made[-1]
