@@ -108,6 +108,13 @@ def make_suite_config():
 
 
 @pytest.fixture
+def small_pictures(monkeypatch):
+    """Pictures from outside of an eighth of their width and height."""
+    monkeypatch.setattr("envs.world.outside_view.WIDTH", 100)
+    monkeypatch.setattr("envs.world.outside_view.HEIGHT", 50)
+
+
+@pytest.fixture
 def make_env(small_scene):
     """MarsNavEnv, cheap by default, closed after the test."""
     made = []
