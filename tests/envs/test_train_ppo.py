@@ -26,26 +26,26 @@ def killed(_):
 
 def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_place, monkeypatch):
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place)}
-    path = train(PPOConfig(**config, max_steps=16), rollout=16)
+    path = train(PPOConfig(**config, max_steps=8), rollout=8)
     first = zipfile.ZipFile(path).read("policy.pth")
     with (tmp_path / "log.jsonl").open("a") as log:
         log.write('{"choices": 1')  # all that a full disk took
-    assert train(PPOConfig(**config, max_steps=32), rollout=16) == path
+    assert train(PPOConfig(**config, max_steps=16), rollout=8) == path
     assert zipfile.ZipFile(path).read("policy.pth") != first
     whole = path.read_bytes()
     monkeypatch.setattr("envs.train_ppo.mark_corridors", killed)  # while it saves
     with pytest.raises(KeyboardInterrupt):
-        train(PPOConfig(**config, max_steps=48), rollout=16)
+        train(PPOConfig(**config, max_steps=24), rollout=8)
     assert path.read_bytes() == whole
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
-    assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 48
+    assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 24
     assert all(0 <= row["arrived"] <= 1 and row["episodes"] >= 1 for row in rows)
     other = r"--k 0\.1 0\.2, not 0\.0 0\.1; --seed 0, not 1"
     with pytest.raises(DatasetError, match=rf"train_ppo\.json: .* other settings \({other}\); choose"):
-        train(PPOConfig(**config, k=(0.0, 0.1), seed=1, max_steps=48), rollout=16)
+        train(PPOConfig(**config, k=(0.0, 0.1), seed=1, max_steps=24), rollout=8)
     (tmp_path / "train_ppo.json").unlink()
     with pytest.raises(DatasetError, match=r"no such file, so .* records how the policy was made"):
-        train(PPOConfig(**config, max_steps=48), rollout=16)
+        train(PPOConfig(**config, max_steps=24), rollout=8)
     assert path.read_bytes() == whole
     env = make_env(mast=True, map_observation=True)
     observation, _ = env.reset(seed=0)
@@ -68,13 +68,13 @@ def test_a_policy_counts_no_choices_that_it_has_not_learnt_from(tmp_path, small_
     monkeypatch.setattr(PPO, "train", killed_in_the_second)
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place)}
     with pytest.raises(KeyboardInterrupt):
-        train(PPOConfig(**config, max_steps=24), rollout=8)
+        train(PPOConfig(**config, max_steps=12), rollout=4)
     with zipfile.ZipFile(tmp_path / "policy.zip") as archive:
         optimizer = torch.load(io.BytesIO(archive.read("policy.optimizer.pth")), weights_only=True)
-        assert json.loads(archive.read("data"))["num_timesteps"] == 8 and updates == [8, 16]
+        assert json.loads(archive.read("data"))["num_timesteps"] == 4 and updates == [4, 8]
     assert all(state["step"] > 0 for state in optimizer["state"].values()) and optimizer["state"]
-    train(PPOConfig(**config, max_steps=24), rollout=8)
-    assert updates == [8, 16, 16, 24]  # what was lost is learnt again
+    train(PPOConfig(**config, max_steps=12), rollout=4)
+    assert updates == [4, 8, 8, 12]  # what was lost is learnt again
 
 
 def test_time_that_is_up_within_a_rollout_ends_it(tmp_path, small_place, monkeypatch, capsys):
@@ -135,19 +135,19 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     monkeypatch.setattr("envs.train_ppo._save", noted)
     config = {"out": tmp_path, "workers": 1, "goal_distance": 3.0, "scene": str(small_place), "seed": 5}
     config["max_minutes"] = 20
-    path = train(PPOConfig(**config, max_steps=8), rollout=8)
+    path = train(PPOConfig(**config, max_steps=4), rollout=4)
     file = tmp_path / "train_ppo.json"
     about = json.loads(file.read_text())
     assert 0 < about["seconds"] < 300 and rates[-1] > 0.75e-3
     file.write_text(json.dumps({**about, "seconds": 900.0}))
-    train(PPOConfig(**config, max_steps=16), rollout=8)
+    train(PPOConfig(**config, max_steps=8), rollout=4)
     assert 900 < json.loads(file.read_text())["seconds"] < 1200 and 0 < rates[-1] <= 0.25e-3
     assert seeds[0] == seeds[2] == 5 and seeds[1] != seeds[3]  # the second and the last one are those of the courses
     whole, printed = path.read_bytes(), capsys.readouterr().out
     assert "already" not in printed
-    train(PPOConfig(**config, max_steps=16), rollout=8)
-    assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 16; raise it to go on\n"
-    train(PPOConfig(**{**config, "max_minutes": 15}, max_steps=32), rollout=8)
+    train(PPOConfig(**config, max_steps=8), rollout=4)
+    assert capsys.readouterr().out == f"{tmp_path}: already at --max-steps 8; raise it to go on\n"
+    train(PPOConfig(**{**config, "max_minutes": 15}, max_steps=16), rollout=4)
     assert capsys.readouterr().out == f"{tmp_path}: already at --max-minutes 15; raise it to go on\n"
     assert path.read_bytes() == whole
 
@@ -157,7 +157,7 @@ def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path, small_place
         "import sys; from pathlib import Path; from marssim.base.command.run import exit_code\n"
         "from envs.train_ppo import PPOConfig, train\n"
         "config = PPOConfig(Path(sys.argv[1]), workers=2, goal_distance=3.0, scene=sys.argv[2])\n"
-        "sys.exit(exit_code(lambda: train(config, rollout=16)))"
+        "sys.exit(exit_code(lambda: train(config, rollout=8)))"
     )
     command = [sys.executable, "-c", program, str(tmp_path), str(small_place)]
     process = subprocess.Popen(command, stdout=-1, stderr=-1, text=True, start_new_session=True)
