@@ -2,6 +2,7 @@
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ OTHER_SIZES = [  # each converts and compiles two graphs, which takes seconds: m
         "implied_geometry": False, "match_channels": 0, "residual_width": 0, "refine_steps": 1,
     },
 ]  # fmt: skip
+SCORED = {**OTHER_SIZES[0], "score_kernel": 3}  # of a small graph, which two tests convert to bf16
 
 
 def pair(height, width, baseline=0.27, seed=0):
@@ -55,7 +57,7 @@ def test_maps_from_coarse_to_fine_are_those_of_pytorch(small_network, sizes, in_
 
 
 def test_a_volume_scored_by_a_convolution_runs_in_bf16(small_network):
-    network, images = small_network(**OTHER_SIZES[0], score_kernel=3), pair(48, 64)
+    network, images = small_network(**SCORED), pair(48, 64)
     assert differences(network.infer(*images), OpenVinoM3Depth(network, BF16).infer(*images))[0] < 0.05
 
 
@@ -80,8 +82,10 @@ def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolution
     monkeypatch.setattr("m3depth.runtimes.openvino_network.fast_dtype", lambda device: BF16)
     left, right = ((255 * eye[0]).astype(np.uint8).transpose(1, 2, 0) for eye in textured_pair(1, 256, 320))
     images = left, right, StereoRig(PinholeCamera.centred(320, 256, 350.0), 0.27)
-    network, fast = load_estimator("m3depth", runtime="pytorch"), load_estimator("m3depth")
-    assert isinstance(fast, OpenVinoM3Depth) and fast.dtype == BF16
+    network = load_estimator("m3depth", runtime="pytorch")
+    network.config = replace(network.config, refine_steps=1)  # each step is converted again
+    fast = OpenVinoM3Depth(network)
+    assert fast.dtype == BF16
     disparity, normal, confidence = differences(network.infer(*images), fast.infer(*images))
     assert disparity < 0.01 and max(normal, confidence) < 0.01
 
@@ -89,7 +93,7 @@ def test_disparities_of_the_shipped_network_are_not_rounded_with_its_convolution
 @pytest.mark.parametrize("precision", [FP32, BF16])
 def test_passes_over_large_images_run_in_pytorch(small_network, monkeypatch, precision):
     """A graph keeps the scores of all pairs of pixels of a row."""
-    network, images = small_network(), pair(131, 147, baseline=0.9)
+    network, images = small_network(**({} if precision == FP32 else SCORED)), pair(131, 147, baseline=0.9)
     monkeypatch.setattr("m3depth.network.stereo_network.fast_dtype", lambda device: None if precision == FP32 else BF16)
     monkeypatch.setattr("m3depth.runtimes.openvino_network.LARGEST", 100 * 100)
     split = OpenVinoM3Depth(network, precision)
@@ -110,6 +114,13 @@ def test_wrong_input_is_refused_as_by_pytorch(small_network):
     for wrong in (right[:, :-1], right.astype(float)):
         with pytest.raises(ValueError):
             fast.infer(left, wrong, rig)
+
+
+def test_weights_are_run_by_openvino_where_it_is_installed(small_network, tmp_path, monkeypatch):
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.fast_dtype", lambda device: None)
+    small_network().save_pretrained(tmp_path / "net.safetensors")
+    estimator = load_estimator(f"m3depth:{tmp_path / 'net.safetensors'}")
+    assert isinstance(estimator, OpenVinoM3Depth) and estimator.dtype == FP32
 
 
 def test_few_compiled_sizes_are_kept(small_network, monkeypatch):
