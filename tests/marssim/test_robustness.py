@@ -121,7 +121,8 @@ def test_a_disk_that_fills_up_names_the_place_and_harms_nothing(undisturbed, tmp
     def starve() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    asked = [sys.executable, "-m", "marssim.generate", "--out", str(out), *FLAGS, "--workers", "2"]
+    one_scene = ["--pairs", "2", *FLAGS[2:]]  # so one worker, whatever their number
+    asked = [sys.executable, "-m", "marssim.generate", "--out", str(out), *one_scene, "--workers", "2"]
     done = subprocess.run(asked, capture_output=True, text=True, preexec_fn=starve)
     line = error_line(done.returncode, done.stdout, done.stderr)
     assert line.startswith(f"error: --out {out}: {out}/scenes/") and "file too large" in line

@@ -73,24 +73,18 @@ def package(folder: Path, step: int) -> None:
     (made / "kernels.py").write_text(KERNELS)
 
 
-def test_kernels_are_kept_until_any_source_of_the_package_changes(tmp_path):
+def test_kernels_are_kept_until_any_source_of_their_package_or_of_this_one_changes(tmp_path):
+    """Those of another package may be built from parts of this one."""
     package(tmp_path, 10)
+    copied = shutil.copytree(Path(marssim.__file__).parent, tmp_path / "marssim")
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     assert run(tmp_path, **cache) == [11, 0]
     assert run(tmp_path, **cache) == [11, 1]
     package(tmp_path, 20)  # another file than the kernel's
     assert run(tmp_path, **cache) == [21, 0]
-
-
-def test_kernels_of_other_packages_are_kept_until_this_one_changes(tmp_path):
-    """They may be built from its parts."""
-    package(tmp_path, 10)
-    copied = shutil.copytree(Path(marssim.__file__).parent, tmp_path / "marssim")
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    assert [run(tmp_path, **cache)[1] for _ in range(2)] == [0, 1]
     with (copied / "scene" / "look.py").open("a") as file:
         file.write("# changed\n")
-    assert run(tmp_path, **cache) == [11, 0]
+    assert run(tmp_path, **cache) == [21, 0]
 
 
 DAMAGES = {
@@ -157,18 +151,20 @@ def test_without_a_folder_to_write_a_kernel_is_compiled_anew(homeless):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_command_tells_once_that_it_compiles(workers, tmp_path):
-    """By whichever process, for whichever kernel; not when they are kept, nor when a later run needs one more."""
+    """By whichever process, for whichever kernel; not when they are kept, nor when a later run needs one more. Workers
+    need one more in the second run.
+    """
     package(tmp_path, 10)
     (tmp_path / "some" / "work.py").write_text(COMMAND)
     notes = []
-    for more in ([], [], ["one more"]):
+    for more in ([], [], ["one more"]) if workers == 1 else ([], ["one more"]):
         done = subprocess.run(
             [sys.executable, "-m", "some.work", str(workers), *more], cwd=tmp_path, capture_output=True, text=True,
             env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"},
         )  # fmt: skip
         assert done.returncode == 0 and sorted(done.stdout.split()) == ["0", "2", "4", "6"], done.stderr
         notes.append(done.stderr)
-    assert notes == [f"note: {KEPT}\n", "", ""]
+    assert notes[0] == f"note: {KEPT}\n" and not any(notes[1:])
 
 
 def test_a_command_tells_that_nothing_can_be_kept(homeless, capsys):
