@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from envs.evaluate import main
+from envs.world.eyes import EyesConfig
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 
 def test_the_rover_takes_it_by_class_path(make_env, my_stereo):
-    env = make_env(perception=my_stereo, goal_distance=4.0)
+    env = make_env(perception=my_stereo, goal_distance=4.0, eyes=EyesConfig())
     observation, info = env.reset(seed=0)
     assert type(env.perception.estimator).__name__ == "Blocks"
     assert observation in env.observation_space and info["perception_seconds"] > 0

@@ -132,8 +132,8 @@ class BareDepth(Everywhere):
 @pytest.mark.parametrize(
     ("estimator", "message"),
     [
-        (Halved(), r"^Halved\.infer returned depth of shape \(256, 256\): it must be \(512, 512\) here$"),
-        (BareDepth(), r"^BareDepth\.infer returned an array of shape \(512, 512\): it must be a Prediction"),
+        (Halved(), r"^Halved\.infer returned depth of shape \(32, 32\): it must be \(64, 64\) here$"),
+        (BareDepth(), r"^BareDepth\.infer returned an array of shape \(64, 64\): it must be a Prediction"),
     ],
 )
 def test_what_is_no_prediction_is_named_at_the_first_look(make_env, estimator, message):
@@ -142,7 +142,7 @@ def test_what_is_no_prediction_is_named_at_the_first_look(make_env, estimator, m
 
 
 def test_sgbm_sees_enough_to_drive(make_env):
-    env = make_env(perception="sgbm", goal_distance=4.0)
+    env = make_env(perception="sgbm", goal_distance=4.0, eyes=EyesConfig())
     observation, _ = env.reset(seed=0)
     for _ in range(2):
         assert observation in env.observation_space
