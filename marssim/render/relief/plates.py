@@ -58,11 +58,12 @@ def plates(seed: int) -> tuple[np.ndarray, np.ndarray]:
     band = np.exp(-0.5 * (k / SHORTEST_BEND) ** 2) * (k > 0)
     bend = [_field(rng, band) * BEND / TEXEL for _ in range(2)]
     rough = _field(rng, sum(np.exp(-((k * wavelength - 1) ** 2)) for wavelength in ROUGH))
-    levels = [_jittered(n, rng) for n in PLATES]
+    margin = 3 + math.ceil(np.abs(bend).max() * max(PLATES) / SIDE)  # of cells, as borders bend
+    levels = [_around(_jittered(n, rng), margin) for n in PLATES]
     draws = [_drawn(n * n, rng) for n in PLATES]
     finest = np.empty((SIDE, SIDE, CHANNELS), dtype=np.float32)
     height = np.empty((SIDE, SIDE), dtype=np.float32)
-    _plates(levels[0], levels[1], draws[0], draws[1], bend[0], bend[1], rough, height, finest)
+    _plates(levels[0], levels[1], margin, draws[0], draws[1], bend[0], bend[1], rough, height, finest)
     height, finest = (_smooth(field) for field in (height, finest))
     return height, pyramid(finest)
 
@@ -93,40 +94,54 @@ def _jittered(n: int, rng: np.random.Generator) -> np.ndarray:
     return (np.stack([i, j], -1) + rng.uniform(0.08, 0.92, (n, n, 2))) * (SIDE / n)
 
 
+def _around(points: np.ndarray, margin: int) -> np.ndarray:
+    """Return points of _jittered with those of the next `margin` cells of the tiles around, (n + 2 margin, ..., 2)."""
+    cells = np.arange(-margin, len(points) + margin)
+    tile = SIDE * (cells // len(points))
+    around = points[np.ix_(cells % len(points), cells % len(points))]
+    return around + np.stack(np.meshgrid(tile, tile), axis=-1)
+
+
 @compiled
-def _nearest(points, x, y):
-    """Return the point nearest to x, y [texels], the vector from it, and the distance to its Voronoi cell's border."""
-    n = len(points)
+def _nearest(points, margin, x, y):
+    """Return the point nearest to x, y [texels], the vector from it, and the distance to its Voronoi cell's border.
+
+    points: of _around, with a margin of at least two cells around x, y.
+    """
+    n = len(points) - 2 * margin
     cell = SIDE / n
-    ci, cj = math.floor(x / cell), math.floor(y / cell)
-    best, nearest, bx, by = 1e18, 0, 0.0, 0.0
+    ci, cj = math.floor(x / cell) + margin, math.floor(y / cell) + margin
+    best, nearest_i, nearest_j, bx, by = 1e18, 0, 0, 0.0, 0.0
     for j in range(cj - 2, cj + 3):
         for i in range(ci - 2, ci + 3):
-            dx = x - (points[j % n, i % n, 0] + SIDE * math.floor(i / n))
-            dy = y - (points[j % n, i % n, 1] + SIDE * math.floor(j / n))
+            dx, dy = x - points[j, i, 0], y - points[j, i, 1]
             if dx * dx + dy * dy < best:
-                best, nearest, bx, by = dx * dx + dy * dy, (j % n) * n + i % n, dx, dy
-    border = 1e18
+                best, nearest_i, nearest_j, bx, by = dx * dx + dy * dy, i, j, dx, dy
+    border, farthest = 1e18, 1e18
     for j in range(cj - 2, cj + 3):
         for i in range(ci - 2, ci + 3):
-            dx = x - (points[j % n, i % n, 0] + SIDE * math.floor(i / n))
-            dy = y - (points[j % n, i % n, 1] + SIDE * math.floor(j / n))
+            dx, dy = x - points[j, i, 0], y - points[j, i, 1]
+            square = dx * dx + dy * dy
+            if square > farthest:
+                continue
             apart = math.hypot(dx - bx, dy - by)
             if apart > 1e-6:
-                border = min(border, (dx * dx + dy * dy - best) / (2 * apart))
-    return nearest, bx, by, border
+                border = min(border, (square - best) / (2 * apart))
+                reach = math.sqrt(best) + 2 * border  # of points whose border is nearer, by the triangle inequality
+                farthest = (1 + 1e-9) * reach * reach
+    return ((nearest_j - margin) % n) * n + (nearest_i - margin) % n, bx, by, border
 
 
 @compiled
-def _plates(large, small, plate_drawn, piece_drawn, bend_x, bend_y, rough, height, out):
+def _plates(large, small, margin, plate_drawn, piece_drawn, bend_x, bend_y, rough, height, out):
     """Fill in the heights of plates [m], and their look, out (SIDE, SIDE, CHANNELS), in codes; see plates.
 
-    large, small: points of plates and of pieces, of _jittered; plate_drawn, piece_drawn: of DRAWN.
+    large, small: points of plates and of pieces, of _around; plate_drawn, piece_drawn: of DRAWN.
     """
     for j in range(SIDE):
         for i in range(SIDE):
-            n, px, py, border = _nearest(large, i + bend_x[j, i], j + bend_y[j, i])
-            m, qx, qy, split = _nearest(small, i + PIECE_BEND * bend_y[j, i], j + PIECE_BEND * bend_x[j, i])
+            n, px, py, border = _nearest(large, margin, i + bend_x[j, i], j + bend_y[j, i])
+            m, qx, qy, split = _nearest(small, margin, i + PIECE_BEND * bend_y[j, i], j + PIECE_BEND * bend_x[j, i])
             border, split = border * TEXEL, split * TEXEL
             plate, piece = plate_drawn[n], piece_drawn[m]
             broken = plate.chance < BROKEN  # into pieces
