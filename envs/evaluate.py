@@ -17,7 +17,6 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -38,7 +37,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.recording.drive_page import drive_path, write_drive_pages
 from envs.recording.recorder import Recorder
 from envs.recording.results_page import BEST, FILMED, WORST, write_results_page
-from envs.world.perception import is_ours, load_perception, perception_digest
+from envs.world.perception import BeginsDrives, is_ours, load_perception, perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
 from m3depth.estimator import Estimator
 from m3depth.runtimes.choice import recorded_runtime
@@ -54,6 +53,8 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
+# Methods that serve all drives, by name and runtime: each process loads a network once.
+_OF_ALL_DRIVES: dict[tuple[str, str], str | Estimator] = {}
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -363,15 +364,15 @@ def _drives_done(config: EvaluateConfig) -> str:
 def _perception(name: str, runtime: str) -> str | Estimator:
     """Return what an environment takes as perception.
 
-    A class of the user is made anew for each drive, like a driver: what it keeps of one must not reach the next.
+    Each drive has its own instance of a user's class, as of a driver, since what it keeps of a drive must not reach the
+    next. A class that can begin a drive has one for all.
     """
-    return (_shared_perception if is_ours(name) else load_perception)(name, runtime) or name
-
-
-@cache
-def _shared_perception(name: str, runtime: str) -> Estimator | None:
-    """Return a method that keeps nothing of a drive; each process loads a network once."""
-    return load_perception(name, runtime)
+    if (name, runtime) not in _OF_ALL_DRIVES:
+        method = load_perception(name, runtime) or name
+        if not (is_ours(name) or isinstance(method, BeginsDrives)):
+            return method
+        _OF_ALL_DRIVES[name, runtime] = method
+    return _OF_ALL_DRIVES[name, runtime]
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -244,7 +244,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.rover_spec, self.mast = ZHURONG, mast
         numbers = dict(goal_distance=goal_distance, k=k, slope_deg=slope_deg, sun_elevation_deg=sun_elevation_deg)
         self.draws = EpisodeDraws(known_scene(scene), EyesConfig() if eyes is None else eyes, numbers, slip, condition)
-        self.episodes_per_scene = episodes_per_scene
+        self.episodes_per_scene, self._episodes_left = episodes_per_scene, -1  # before the first reset
         self.perception = Perception(perception, renderer, None, disparity_noise, align_rows, runtime)
         self.gaze = Gaze(self.perception, self.rover_spec)
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
@@ -277,10 +277,10 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         Raises:
             ValueError: If an option is unknown or out of range, or if no course with this k has a way to its goal.
         """
-        super().reset(seed=seed)
-        if seed is not None or self.settings is None:
-            self._draw_rng, self._episodes_left = stream_of_draws(self.np_random_seed), 0
         try:
+            super().reset(seed=seed)
+            if seed is not None or self._episodes_left < 0:
+                self._draw_rng, self._episodes_left = stream_of_draws(self.np_random_seed), 0
             if self._episodes_left > 0 and not options and self.course is not None and self.settings is not None:
                 self._episodes_left -= 1
                 self._close_view()  # it still follows the last drive
@@ -289,7 +289,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
                 self.close()
                 self.settings, self.course = draw_episode(self.draws, options, self._draw_rng, self.np_random)
                 scene, steep = self.course.scene, self.course.ground.steep
-                self._obstacle_clearance = ObstacleClearance(scene, self.rover_spec, steep)
+                self._clearance = ObstacleClearance(scene, self.rover_spec, steep)
                 self._episodes_left = 0 if options else self.episodes_per_scene - 1
             return self._begin(self.course, self.settings)
         except BaseException:
@@ -311,7 +311,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.referee = Referee(course, self.rover_spec, settings.course.goal_distance)
         self._steps, self.outcome = 0, "driving"
         self.last_action = np.zeros(3 if self.mast else 2, dtype=np.float32)
-        self.way = WayDriven(course, self._obstacle_clearance, self._place())
+        self.way = WayDriven(course, self._clearance, self._place())
         self.gaze.begin(self.vehicle.state())
         return self._observation(), self._info()
 

@@ -39,7 +39,7 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.map_file import find_map, read_map_file
 from marssim.base.files.json_file import DatasetError, read_json, write_json
-from marssim.base.pose import recorded_pose
+from marssim.base.pose import ROVER_KEY, recorded_pose
 from marssim.base.results.claim import ResultFolder
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
@@ -50,7 +50,7 @@ RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
 RESULT = "map.json"  # written last: a folder that has it holds a whole map
 MOSTLY = 0.9  # share of the depth that lies beyond the range from which on the map has a warning
 LEAST_CONFIDENCE = ElevationConfig.min_confidence
-LEAST_HEIGHT = 0.1  # [m] over the ground that a camera counts as having
+LEAST_HEIGHT = 0.05  # [m] of a camera over the ground; from less, or from below, it sees something else
 LEAST_AREA = 2.0  # [m2], about that of the rover's footprint
 MOST = 4000  # cells along a side
 EDGE = 1.0  # [m] around what can be seen
@@ -104,6 +104,7 @@ class PredictedPair:
         folder: The folder of its maps.
         rig: The cameras.
         pose: (4, 4) left camera to world, or to the rover where there is no world.
+        camera_height: Height of the camera over the ground under the rover [m]; None where nothing says it.
         is_on_rover: Whether the pose is that on the rover.
         is_assumed: Whether that pose is an assumed one.
     """
@@ -111,6 +112,7 @@ class PredictedPair:
     folder: Path
     rig: StereoRig
     pose: np.ndarray
+    camera_height: float | None = None
     is_on_rover: bool = False
     is_assumed: bool = False
 
@@ -124,8 +126,8 @@ class PredictedPair:
         if depth is None:
             raise DatasetError(f"{self.folder}: holds no depth; m3depth.predict --write depth confidence writes it")
         try:
-            sure = None if confidence is None else read_map_file(confidence, "confidence")
-            maps = read_map_file(depth, "depth"), sure
+            confidences = None if confidence is None else read_map_file(confidence, "confidence")
+            maps = read_map_file(depth, "depth"), confidences
         except ValueError as error:
             raise DatasetError(str(error)) from None
         size = self.rig.camera.height, self.rig.camera.width
@@ -162,22 +164,33 @@ def find_pairs(data: Path) -> list[PredictedPair]:
         raise DatasetError(f"{files[0]}: has no pose, which a map of many pairs needs; give m3depth.predict --poses")
     elif len(placed) < len(records):
         lacking = counted(len(records) - len(placed), "pair")
-        print(f"note: the map lacks {lacking} of {len(records)}, for want of a pose", file=sys.stderr)
+        print(f"note: the map lacks {lacking} of {len(records)}, which have no pose", file=sys.stderr)
     return [_pair(file, record) for file, record in placed]
 
 
 def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
     try:
         rig = StereoRig.from_dict(record["rig"])
-        given = record["camera_to_rover"] if record.get("pose") is None else record["pose"]
+        given = record[ROVER_KEY] if record.get("pose") is None else record["pose"]
     except (KeyError, TypeError, ValueError):
         raise DatasetError(f"{file}: holds no rig and pose of a pair; predict it again") from None
     try:
         pose = recorded_pose(given)
     except ValueError as error:
         raise DatasetError(f"{file}: {error}; predict it again") from None
-    on_rover = record.get("pose") is None
-    return PredictedPair(file.parent, rig, pose, on_rover, on_rover and record.get("mount_assumed") is True)
+    on_rover, is_assumed = record.get("pose") is None, record.get("mount_assumed") is True
+    return PredictedPair(
+        file.parent, rig, pose, None if is_assumed else _height_on_rover(record), on_rover, on_rover and is_assumed
+    )
+
+
+def _height_on_rover(record: dict[str, Any]) -> float | None:
+    """Return the height of a camera over the ground under its rover [m]; None where the record has none."""
+    try:
+        height = float(recorded_pose(record.get(ROVER_KEY))[2, 3])
+    except ValueError:
+        return None
+    return height if height > LEAST_HEIGHT else None
 
 
 @dataclass
@@ -234,19 +247,24 @@ def make_map(
         if count is not None:
             count.add(depth, options.max_range)
         try:
-            height = _height_over_ground(depth, pair, options.max_range)
+            height = pair.camera_height or _height_over_ground(depth, pair)
             elevation.integrate(depth, confidence, pair.rig, pair.pose, height)
         except ValueError as error:
             raise DatasetError(f"{pair.folder}: {error}") from None
     return elevation, assess(elevation, ZHURONG, TraversabilityConfig())
 
 
-def _height_over_ground(depth: np.ndarray, pair: PredictedPair, max_range: float) -> float:
-    """Return the height of a camera over the lowest tenth of what it sees within a range [m]."""
-    with np.errstate(invalid="ignore"):
-        near = (depth > 0) & (depth < max_range)
-    downward = -(pair.rig.camera.rays()[near] @ pair.pose[2, :3]) * depth[near]
-    return max(float(np.percentile(downward, 90)), LEAST_HEIGHT) if downward.size else ZHURONG.mount.height
+def _height_over_ground(depth: np.ndarray, pair: PredictedPair) -> float:
+    """Return how high a camera is over the nearest tenth of what it sees [m], for want of its place on the rover.
+
+    Zhurong's height is the most, since ground that falls away makes a camera look higher than it is. It is also taken
+    where nothing lies below the camera.
+    """
+    known = np.isfinite(depth) & (depth > 0)
+    near = known & (depth <= np.quantile(depth[known], 0.1)) if known.any() else known
+    below = -(pair.rig.camera.rays()[near] @ pair.pose[2, :3]) * depth[near]
+    height = float(np.median(below)) if below.size else 0.0
+    return min(height, ZHURONG.mount.height) if height > LEAST_HEIGHT else ZHURONG.mount.height
 
 
 def _watched(pairs: Sequence[PredictedPair]) -> Iterator[PredictedPair]:
@@ -268,10 +286,10 @@ def _work(options: MapOptions) -> None:
         raise ValueError(
             f"--epsg {options.epsg}: {options.data} has no pose in a world; its map is in the rover's frame"
         )
-    unsure = [pair.folder for pair in pairs if find_map(pair.folder, "confidence") is None]
-    if unsure and options.min_confidence is not None:
+    unrated = [pair.folder for pair in pairs if find_map(pair.folder, "confidence") is None]
+    if unrated and options.min_confidence is not None:
         raise ValueError(
-            f"--min-confidence {options.min_confidence:g}: {unsure[0]} holds no confidence; m3depth.predict --write "
+            f"--min-confidence {options.min_confidence:g}: {unrated[0]} holds no confidence; m3depth.predict --write "
             "depth confidence writes it"
         )
     count = DepthCount()
@@ -283,7 +301,7 @@ def _work(options: MapOptions) -> None:
         too_far = count.known > 0 and count.beyond >= MOSTLY * count.known
         reason = f"makes a map: {far}" if too_far else "is sure enough for a map"
         raise DatasetError(f"{options.data}: no depth of up to {options.max_range:g} m {reason}")
-    for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None, unsure):
+    for message in _doubts(pairs, elevation, far if count.beyond > MOSTLY * count.known else None, unrated):
         print(f"warning: {message}", file=sys.stderr)
     poses = np.array([pair.pose for pair in pairs])
     window = window_of(elevation, ground, poses[:, :2, 3], options.origin)
@@ -294,14 +312,14 @@ def _work(options: MapOptions) -> None:
             "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
             "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],
             "max_range_m": options.max_range,
-            "min_confidence": None if len(unsure) == len(pairs) else elevation.config.min_confidence,
+            "min_confidence": None if len(unrated) == len(pairs) else elevation.config.min_confidence,
             "epsg": options.epsg,
         }, sort_keys=False)  # fmt: skip
     print(f"{options.out}: {_summary(pairs, elevation, ground)}")
 
 
 def _doubts(
-    pairs: Sequence[PredictedPair], elevation: ElevationMap, far: str | None, unsure: Sequence[Path]
+    pairs: Sequence[PredictedPair], elevation: ElevationMap, far: str | None, unrated: Sequence[Path]
 ) -> list[str]:
     """Return what speaks against a map.
 
@@ -309,13 +327,13 @@ def _doubts(
         pairs: The pairs.
         elevation: The heights.
         far: What to say if nearly all depth lies beyond the range.
-        unsure: Folders of the pairs without a confidence.
+        unrated: Folders of the pairs without a confidence.
     """
     doubts = []
-    if unsure:
+    if unrated:
         doubts.append(
-            f"{counted(len(unsure), 'pair')} of {len(pairs)} have no confidence, as {unsure[0]}, so all their depth is "
-            "taken as sure; m3depth.predict --write depth confidence writes it"
+            f"{counted(len(unrated), 'pair')} of {len(pairs)} have no confidence, as {unrated[0]}, so all their depth "
+            "is taken as sure; m3depth.predict --write depth confidence writes it"
         )
     if any(pair.is_assumed for pair in pairs):
         doubts.append(

@@ -12,7 +12,8 @@ from envs.courses.course import REDRAWS, Course, NoWayError, draw_course
 from envs.suites.draws import EpisodeDraws, EpisodeSettings, stream_of_draws
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 
-SETTINGS = 5  # draws of the settings after which one error says that they leave no way
+MOST_DRAWS = 5  # of the settings, after which an error says that they leave no way
+HARD = {"k", "slope_deg", "goal_distance", "condition"}  # settings that may leave no way
 
 
 def draw_episode(
@@ -38,13 +39,13 @@ def draw_episode(
     seed = options.get("scene_seed") if isinstance(options, Mapping) else None
     if isinstance(seed, int | np.integer) and seed >= 0:
         rng_of_draws = stream_of_draws(int(seed))
-    attempt = 0
+    redraws = 0
     while True:
         settings = draws.draw(rng_of_draws).with_options(options or {})
         try:
             course = draw_course(settings.scene, settings.course, spec, rng)
-            return settings, replace(course, redraws=course.redraws + attempt * REDRAWS)
+            return settings, replace(course, redraws=redraws + course.redraws)
         except NoWayError:
-            attempt += 1
-            if not settings.drawn or attempt == SETTINGS:
+            redraws += REDRAWS
+            if redraws == MOST_DRAWS * REDRAWS or not HARD & (set(settings.drawn) - set(options or {})):
                 raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -99,6 +100,14 @@ def rng_of_perception(rng: np.random.Generator) -> np.random.Generator:
     return np.random.default_rng(rng.integers(2**63))
 
 
+@runtime_checkable
+class BeginsDrives(Protocol):
+    """An estimator that remembers something from pair to pair, and can forget it."""
+
+    def begin_drive(self) -> None:
+        """Forget the last drive."""
+
+
 class Perception:
     """Looks at one scene after the other.
 
@@ -151,8 +160,8 @@ class Perception:
     def open(self, scene: Scene, rng: np.random.Generator) -> None:
         """Turn to a scene, for a new drive.
 
-        The renderer of one that is open already stays. An estimator that has a method begin_drive, without
-        arguments, is told so that it forgets the last drive.
+        The renderer of one that is open already stays. The method begin_drive of an estimator, without arguments, is
+        called where there is one, so that it can forget the last drive.
 
         Args:
             scene: The scene.
@@ -161,9 +170,9 @@ class Perception:
         Raises:
             UserCodeError: If `begin_drive` of a class of the user raises an exception.
         """
-        if callable(forget := getattr(self.estimator, "begin_drive", None)):
+        if isinstance(self.estimator, BeginsDrives):
             with errors_of(self.estimator):
-                forget()
+                self.estimator.begin_drive()
         if self.renderer is None or scene is not self._scene:
             self.close()
             self.renderer = make_renderer(self.renderer_name, scene)

@@ -18,6 +18,8 @@ class CameraMount:
 
     x: float = 0.65
     """Distance of the pan axis ahead of the body origin [m]."""
+    y: float = 0.0
+    """Distance of the pan axis to the left of the body origin [m]."""
     height: float = 1.2
     """Height of the cameras above level ground [m]."""
     pitch: float = float(np.deg2rad(20.0))
@@ -38,14 +40,14 @@ class CameraMount:
             (4, 4) left camera to body.
         """
         half = baseline / 2
-        position = np.array([self.x - half * np.sin(pan), half * np.cos(pan), self.height])
+        position = np.array([self.x - half * np.sin(pan), self.y + half * np.cos(pan), self.height])
         return look_pose(position, yaw=pan, pitch=self.pitch)
 
     @classmethod
     def of_left_eye(cls, pose: np.ndarray, baseline: float) -> tuple[CameraMount, float]:
         """Return the mast that holds the left camera where a pose says, and its pan [rad].
 
-        Roll, and how far the middle of the cameras lies beside the rover's, are left out.
+        Roll is left out.
 
         Args:
             pose: (4, 4) left camera to body.
@@ -54,11 +56,12 @@ class CameraMount:
         Raises:
             ValueError: The camera is not above the ground.
         """
-        x, height = float(pose[0, 3]), float(pose[2, 3])
+        x, y, height = (float(value) for value in pose[:3, 3])
         if not height > 0:
             raise ValueError(f"the camera must be above the ground of the rover, got {height:g} m")
         pan, pitch = float(np.arctan2(pose[1, 2], pose[0, 2])), float(np.arcsin(np.clip(-pose[2, 2], -1, 1)))
-        return cls(x + baseline / 2 * float(np.sin(pan)), height, pitch), pan
+        half = baseline / 2
+        return cls(x + half * float(np.sin(pan)), y - half * float(np.cos(pan)), height, pitch), pan
 
 
 @dataclass(frozen=True)

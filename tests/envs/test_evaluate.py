@@ -410,7 +410,7 @@ def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
 
 def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):
     loads, closed = [], []
-    envs.evaluate._shared_perception.cache_clear()
+    envs.evaluate._OF_ALL_DRIVES.clear()
     monkeypatch.setattr(
         "envs.evaluate.load_perception", lambda name, runtime: loads.append(name) or load_estimator("sgbm")
     )
@@ -420,7 +420,7 @@ def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monke
     for episode in range(3):
         for name in ("one", "two"):
             envs.evaluate.drive(config, Task("straight", name, Cell(), episode))
-    envs.evaluate._shared_perception.cache_clear()
+    envs.evaluate._OF_ALL_DRIVES.clear()
     assert loads == ["one", "two"]
     assert len(closed) == 12 and closed[0::2] == closed[1::2]
 
@@ -482,7 +482,7 @@ def test_an_exception_of_a_users_driver_in_a_worker_shows_its_traceback(tmp_path
     assert re.match(message + "broken:Driver raised ValueError: no feeling$", last)
 
 
-def test_a_class_of_the_user_is_made_anew_for_each_drive(tmp_path, monkeypatch):
+def test_each_drive_has_its_own_instance_of_a_users_class(tmp_path, monkeypatch):
     """So what it remembers of one drive cannot reach the next, in whatever order they are driven."""
     (tmp_path / "remembering.py").write_text(
         "import numpy as np\nfrom m3depth import Prediction\nfirst_of_each = []\n"

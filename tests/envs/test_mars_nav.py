@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from envs.courses.course import CourseConfig, draw_course
+from envs.courses.course import CourseConfig, NoWayError, draw_course
 from envs.drivers.image_observation import ImageObservation
 from envs.mars_nav import MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
@@ -544,6 +544,30 @@ def test_after_a_reset_with_a_wrong_option_another_one_is_needed(make_env):
         env.step(AHEAD)
     env.reset(seed=0)
     env.step(AHEAD)
+
+
+def test_a_reset_after_one_that_found_no_way_draws_other_settings(make_env, monkeypatch):
+    tried = []
+
+    def no_way(scene, course, *_):
+        tried.append(course.k)
+        raise NoWayError("no way")
+
+    monkeypatch.setattr("envs.suites.drawn_course.draw_course", no_way)
+    env = make_env(k=(0.0, 0.4))
+    for seed in (3, None, None):
+        with pytest.raises(NoWayError):
+            env.reset(seed=seed)
+    assert len(set(tried)) == len(tried) > 3
+
+
+def test_after_a_reset_with_a_wrong_seed_another_one_is_needed(make_env):
+    env = make_env(goal_distance=3.0)
+    env.reset(seed=0)
+    with pytest.raises(gymnasium.error.Error):
+        env.reset(seed=-1)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(AHEAD)
 
 
 def test_either_renderer_can_be_seen_from_outside(make_env):

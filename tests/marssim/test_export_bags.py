@@ -1,6 +1,7 @@
 """A dataset as ROS 2 bags, read by `rosbags` alone and compared with its files."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.sample import read_sample
 from marssim.base.files.json_file import read_json, write_json
+from marssim.base.rover_spec import ZHURONG
 from marssim.export import ExportConfig, export, main
 
 
@@ -95,6 +97,20 @@ def test_a_drive_has_its_times_and_a_recorded_rover_its_pose(closed_form_set, tm
     position = found["/ground_truth/pose"][1].pose.position
     assert (position.x, position.y, position.z) == pytest.approx((4, 5, 0.1))
     np.testing.assert_allclose(camera_in_map(found, 1), read_json(file)["pose"], atol=1e-9)
+
+
+def test_the_rover_of_a_drive_is_where_its_cameras_are_said_to_be_on_it(closed_form_set, tmp_path):
+    copy = shutil.copytree(closed_form_set, tmp_path / "drive")
+    (name,) = StereoDataset(copy).names[:1]
+    file = copy / "scenes" / name / "sample.json"
+    mount = replace(ZHURONG.mount, height=0.4, pitch=0.6).left_eye(0.3)
+    write_json(file, {**read_json(file), "camera_to_rover": mount.tolist()})
+    write_index(copy, {"seed": 1, "trajectory": True}, [name])
+    export(ExportConfig(copy, "rosbag2", tmp_path / "out"))
+    found = messages(tmp_path / "out/train/00000")
+    rover = found["/ground_truth/pose"][0].pose
+    body = matrix(rover.position, rover.orientation)
+    np.testing.assert_allclose(body @ mount, read_json(file)["pose"], atol=1e-9)
 
 
 def test_an_interrupted_export_adds_the_bags_that_are_missing(bags, closed_form_set, tmp_path):

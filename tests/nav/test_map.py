@@ -176,7 +176,7 @@ def test_pairs_without_a_pose_stay_out_of_a_map_of_many(tmp_path, capsys):
         write_pair(tmp_path / "drive" / name, float(ord(name)), posed)
     assert main([str(tmp_path / "drive"), "--out", str(tmp_path / "map")]) == 0
     said = capsys.readouterr()
-    assert said.err == "note: the map lacks 1 pair of 3, for want of a pose\n" and "2 pairs;" in said.out
+    assert said.err == "note: the map lacks 1 pair of 3, which have no pose\n" and "2 pairs;" in said.out
 
 
 def test_pairs_without_confidence_are_a_warning_and_refuse_its_limit(tmp_path, capsys):
@@ -190,8 +190,9 @@ def test_pairs_without_confidence_are_a_warning_and_refuse_its_limit(tmp_path, c
     assert json.loads((tmp_path / "map/map.json").read_text())["min_confidence"] is None
 
 
+@pytest.mark.parametrize("is_known", [True, False])
 @pytest.mark.parametrize(("baseline", "height"), [(0.3, 1.2), (0.3, 0.5), (0.3, 0.25), (0.05, 0.1)])
-def test_level_ground_is_no_edge_for_cameras_close_to_it(tmp_path, baseline, height):
+def test_level_ground_is_no_edge_for_cameras_close_to_it(tmp_path, baseline, height, is_known):
     """Its disparity changes by baseline / height per row: by over 1 px from row to row for the third."""
     rig, pose = StereoRig(RIG.camera, baseline), look_pose(np.array([0, 0, height]), yaw=0.0, pitch=np.deg2rad(20))
     rays = rig.camera.rays() @ pose[:3, :3].T
@@ -199,11 +200,43 @@ def test_level_ground_is_no_edge_for_cameras_close_to_it(tmp_path, baseline, hei
     folder = tmp_path / "pair"
     folder.mkdir()
     np.save(folder / "depth.npy", depth)
-    elevation, _ = make_map([PredictedPair(folder, rig, pose)], MapOptions(folder, tmp_path, max_range=4.0))
+    pair = PredictedPair(folder, rig, pose, height if is_known else None)
+    elevation, _ = make_map([pair], MapOptions(folder, tmp_path, max_range=4.0))
     x, y = np.meshgrid(*elevation.centres())
     farthest = np.sqrt(0.08 * rig.camera.fy * height)  # rows are 8 cm apart there
     ahead = (x > max(1.1 * height, 0.7)) & (x < farthest) & (abs(y) < 0.2)
     assert ahead.sum() > 8 and elevation.measured[ahead].all()
+
+
+@pytest.mark.parametrize("fall_deg", [0, 15, 25])
+def test_ground_that_falls_away_is_known_as_well_by_an_assumed_place_as_by_zhurongs(tmp_path, fall_deg):
+    slope = np.tan(np.deg2rad(fall_deg))
+    pose = look_pose(np.array([0, 0, 1.2]), yaw=0.0, pitch=np.deg2rad(20))
+    rays = RIG.camera.rays() @ pose[:3, :3].T
+    steep = rays[..., 2] + slope * rays[..., 0]
+    depth = np.where(steep < 0, -1.2 / np.minimum(steep, -1e-9), np.inf).astype(np.float32)
+    folder = tmp_path / "pair"
+    folder.mkdir()
+    np.save(folder / "depth.npy", depth)
+    cells = []
+    for height in (None, 1.2):
+        elevation, _ = make_map([PredictedPair(folder, RIG, pose, height)], MapOptions(folder, tmp_path))
+        cells.append(int(elevation.measured.sum()))
+    assert cells[0] == cells[1] > 1000
+
+
+def test_what_stands_above_the_camera_does_not_blur_the_edges_between_surfaces(tmp_path):
+    """Nothing below it says how high the camera is."""
+    depth = np.full((120, 160), 8.0, np.float32)
+    depth[:, 60:100], depth[:, 100:102] = 6.8, 7.4  # a column before a wall, and pixels that hang between them
+    folder = tmp_path / "pair"
+    folder.mkdir()
+    np.save(folder / "depth.npy", depth)
+    pose = look_pose(np.array([0, 0, 1.2]), yaw=0.0, pitch=np.deg2rad(-35))
+    rig = StereoRig(RIG.camera, 2.0)
+    elevation, _ = make_map([PredictedPair(folder, rig, pose)], MapOptions(folder, tmp_path))
+    known, _ = make_map([PredictedPair(folder, rig, pose, 1.2)], MapOptions(folder, tmp_path))
+    np.testing.assert_array_equal(elevation.measured, known.measured)
 
 
 @pytest.mark.parametrize(

@@ -384,3 +384,16 @@ def test_a_look_replaces_what_was_known_before_the_drive():
     depth = RockWorld().depth(SMALL_RIG, body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, 0.0))
     navigator.step(depth, None, SMALL_RIG, body_pose(0, 0, 0), GOAL)
     assert abs(navigator.map.top[200, 240]) < 0.15 and navigator.map.top[200, 160] == 0.5
+
+
+@pytest.mark.parametrize("height", [1.2, 0.25])
+def test_the_ground_is_known_to_a_rover_with_low_cameras_too(height):
+    """Its disparity changes by over 1 px from row to row."""
+    spec = replace(ZHURONG, mount=replace(ZHURONG.mount, height=height))
+    eye = body_pose(0, 0, 0) @ spec.mount.left_eye(SMALL_RIG.baseline)
+    navigator = Navigator(spec)
+    navigator.step(RockWorld().depth(SMALL_RIG, eye), None, SMALL_RIG, body_pose(0, 0, 0), np.array([20.0, 0.0]))
+    x, y = np.meshgrid(*navigator.map.centres())
+    begin = max(0.7 + 1.5 * height, 1.4)
+    ahead = (x > begin) & (x < begin + 0.5) & (abs(y) < 0.3)
+    assert navigator.map.measured[ahead].all() and ahead.sum() > 20

@@ -19,10 +19,22 @@ from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
 from marssim.base.files.json_file import read_json, write_json
 from marssim.base.rover_spec import ZHURONG
+from nav import Navigator
 from nav import replay as command
 from nav.replay import Frame, driven, main, recorded, replay
 
 WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))
+
+
+def keeping(bodies):
+    """A Navigator.step that keeps where the rover is."""
+    plain = Navigator.step
+
+    def step(navigator, depth, confidence, rig, body, *more):
+        bodies.append(body)
+        return plain(navigator, depth, confidence, rig, body, *more)
+
+    return step
 
 
 def frames(steps=8):
@@ -264,7 +276,7 @@ def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):
         assert named in error and error.startswith("error: ") and error.count("\n") == 1
 
 
-def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, capsys):
+def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, capsys, monkeypatch):
     """The rock, 0.6 m high and 5 m ahead, is 0.6 m higher or lower if the cameras are."""
     command = [str(folder), "--goal", "20", "0"]
     assert main(command) == 0
@@ -277,11 +289,17 @@ def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, ca
 
     data = tmp_path / "drive"
     shutil.copytree(folder, data)
-    for sample in data.glob("scenes/*/*/sample.json"):
-        mount = ZHURONG.mount.left_eye(SMALL_RIG.baseline)
-        write_json(sample, {**read_json(sample), "camera_to_rover": mount.tolist()})
-    assert main([str(data), "--goal", "20", "0"]) == 0
-    assert capsys.readouterr() == (as_on_zhurong.out, "")
+    for place, pan in ((ZHURONG.mount, 0.0), (replace(ZHURONG.mount, y=-0.1, height=0.5, pitch=0.6), 0.6)):
+        mount = place.left_eye(SMALL_RIG.baseline, pan)
+        for sample in data.glob("scenes/*/*/sample.json"):
+            write_json(sample, {**read_json(sample), "camera_to_rover": mount.tolist()})
+        bodies = []
+        monkeypatch.setattr(Navigator, "step", keeping(bodies))
+        assert main([str(data), "--goal", "20", "0"]) == 0
+        assert capsys.readouterr().err == ""
+        poses = [read_json(sample)["pose"] for sample in sorted(data.glob("scenes/*/*/sample.json"))]
+        np.testing.assert_allclose(bodies @ mount, poses, atol=1e-9)
+        monkeypatch.undo()
 
     for flag in (["0.65", "0", "20"], ["0.65", "1.2", "91"]):
         assert main([*command, "--mount", *flag]) == 2

@@ -12,7 +12,7 @@ from marssim.base.bags.names import BASE_LINK, MOVING_FRAMES, STATIC_FRAMES
 from marssim.base.bags.reader import Bag, stamp_of
 
 ODOMETRY_KIND = "nav_msgs/Odometry"
-ROVER_FRAMES = (BASE_LINK, "base_footprint", "base_stabilized")  # of REP 105 and REP 120
+ROVER_FRAMES = (BASE_LINK, "base_footprint", "base_stabilized", "base", "body", "chassis")  # also in a namespace
 MOST_LEVELS = 100  # of frames in frames; more are a circle
 
 
@@ -60,7 +60,7 @@ class Transforms:
         moves = False
         for _ in range(MOST_LEVELS):
             if (frame := frame.lstrip("/")) not in self._parent:
-                return frame if moves and frame not in ROVER_FRAMES else None
+                return frame if moves and frame.rpartition("/")[2] not in ROVER_FRAMES else None
             moves |= frame in self._moving
             frame = self._parent[frame]
         return None

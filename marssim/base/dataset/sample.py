@@ -192,7 +192,7 @@ def recorded_mount(meta: dict[str, Any]) -> np.ndarray | None:
         meta: Content of sample.json. A drive has it as camera_to_rover; that of a rover in view follows from its pose.
 
     Raises:
-        ValueError: A recorded pose is none.
+        ValueError: What is recorded is no rigid pose.
     """
     if meta.get(ROVER_KEY) is not None:
         try:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from envs.courses.course import REDRAWS, NoWayError
-from envs.suites.drawn_course import SETTINGS, draw_episode
+from envs.suites.drawn_course import MOST_DRAWS, draw_episode
 from envs.suites.draws import EpisodeDraws
 from envs.world.eyes import EyesConfig
 from marssim.scene.presets import preset
@@ -50,7 +50,12 @@ def test_what_no_draw_mends_is_an_error(monkeypatch):
     monkeypatch.setattr(EpisodeDraws, "draw", counted)
     with pytest.raises(NoWayError):
         draw(monkeypatch, -1.0, k=(0.0, 0.4))
-    assert len(drawn) == SETTINGS
+    assert len(drawn) == MOST_DRAWS
+    with pytest.raises(NoWayError):  # the drawn sun does not matter, nor does a drawn k that an option replaces
+        draw(monkeypatch, 0.2, k=0.3, sun_elevation_deg=(10, 20))
+    with pytest.raises(NoWayError):
+        draw(monkeypatch, 0.2, 0, {"k": 0.3}, k=(0.0, 0.4))
+    assert len(drawn) == MOST_DRAWS + 2
 
 
 def test_a_seed_of_the_course_is_that_of_its_settings_whatever_the_generator(monkeypatch):

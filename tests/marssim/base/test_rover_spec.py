@@ -28,10 +28,10 @@ def test_eyes_straddle_the_mast_and_look_where_it_pans(pan):
 
 @pytest.mark.parametrize("pan", [-2.0, 0.0, 0.6])
 def test_a_mast_follows_from_the_place_of_its_left_eye(pan):
-    mount = replace(ZHURONG.mount, x=0.3, height=0.7, pitch=0.5)
+    mount = replace(ZHURONG.mount, x=0.3, y=-0.2, height=0.7, pitch=0.5)
     found, turned = CameraMount.of_left_eye(mount.left_eye(0.4, pan), 0.4)
     assert turned == pytest.approx(pan)
-    assert (found.x, found.height, found.pitch) == pytest.approx((0.3, 0.7, 0.5))
+    assert (found.x, found.y, found.height, found.pitch) == pytest.approx((0.3, -0.2, 0.7, 0.5))
     below = mount.left_eye(0.4)
     below[2, 3] = -0.1
     with pytest.raises(ValueError, match=r"above the ground of the rover, got -0.1 m"):

@@ -107,6 +107,7 @@ def test_a_file_that_is_no_png_is_found_although_its_hash_is_right(folder):
         (lambda c: c.update(timestamp=True), "timestamp must be a number"),
         (lambda c: c.update(rover={}), "rover.pose must be 4 rows of 4 finite numbers"),
         (lambda c: c.update(rover=[1]), "rover.pose must be 4 rows of 4 finite numbers"),
+        (lambda c: c.update(camera_to_rover=[1]), "camera_to_rover: pose must be 4 rows of 4 finite numbers"),
         (lambda c: c.update(surface_ids={}), "surface_ids must name the surfaces of rocks"),
         (lambda c: c.update(surface_ids={"rocks": ["a", 2]}), "surface_ids must hold [first, last] or [] for rocks"),
         (lambda c: c.update(sha256={}), "sha256"),

@@ -47,7 +47,7 @@ def test_what_stands_still_has_no_world_and_a_circle_has_no_pose():
     assert tree.world("eye") is None and tree.pose("eye", 5) is None and not tree.contains("map", "eye")
 
 
-@pytest.mark.parametrize("outermost", ["base_link", "/base_footprint"])
+@pytest.mark.parametrize("outermost", ["base_link", "/base_footprint", "rover/base_link", "body"])
 def test_a_mast_that_turns_on_a_rover_moves_in_no_world(outermost):
     tree = Transforms()
     tree.add("mast", "eye", pose(1))
