@@ -10,6 +10,7 @@ from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, course_options, run_episode
 from envs.world.action import ActionError, checked_action
+from envs.world.eyes import EyesConfig
 from envs.world.user_code import UserCodeError
 from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.stereo.prediction import Prediction
@@ -306,7 +307,7 @@ def test_the_error_on_the_way_is_that_of_the_test_set(on_course, make_scene, mak
             return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones_like(depth))
 
     scene = make_scene(rocks=[(-1.6, 0.0, 0.6, 1.1)])
-    env = on_course(make_course(scene), perception=Squinting(), mast=True)
+    env = on_course(make_course(scene), perception=Squinting(), mast=True, eyes=EyesConfig())
     near, errors, as_sky = [], [], []
 
     def look(env, driver, step):
