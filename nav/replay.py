@@ -278,8 +278,8 @@ def _mount(config: ReplayConfig) -> CameraMount:
         x, height, pitch_deg = config.mount
         return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg)))
     samples = StereoDataset(config.data)
-    first = next(n for n, name in enumerate(samples.names) if int(name.split("/")[0]) == config.scene)
-    recorded = recorded_mount(samples[first].meta)
+    sample = samples[next(n for n, name in enumerate(samples.names) if int(name.split("/")[0]) == config.scene)]
+    recorded = recorded_mount(sample.meta)
     if recorded is None:
         print(
             f"warning: {config.data}: does not say where its cameras are on the rover, so Zhurong's place is assumed; "
@@ -287,7 +287,7 @@ def _mount(config: ReplayConfig) -> CameraMount:
             file=sys.stderr,
         )
         return ZHURONG.mount
-    return CameraMount.of_left_eye(recorded, samples[first].rig.baseline)[0]
+    return CameraMount.of_left_eye(recorded, sample.rig.baseline)[0]
 
 
 def _record(recorder: DriveRecorder, frame: Frame, navigator: Navigator, command: Command) -> None:
