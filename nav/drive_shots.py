@@ -84,6 +84,7 @@ class DriveRecorder:
 
     def __init__(self, goal: np.ndarray, spec: RoverSpec) -> None:
         self.shots: list[Shot] = []
+        self._frames = 0  # of the drive so far, with depth or without
         self._goal, self._spec = goal, spec
 
     def add(
@@ -92,7 +93,7 @@ class DriveRecorder:
         command: Command,
         rig: StereoRig,
         camera_pose: np.ndarray,
-        depth: np.ndarray,
+        depth: np.ndarray | None,
         confidence: np.ndarray | None,
         image: np.ndarray | None,
     ) -> None:
@@ -103,10 +104,13 @@ class DriveRecorder:
             command: What it commanded.
             rig: The cameras at the size of `depth`.
             camera_pose: (4, 4) left camera to world.
-            depth: (H, W) [m].
+            depth: (H, W) [m]; None: no image was taken, so there is nothing to show.
             confidence: (H, W), 0 to 1, or None.
             image: (H, W, 3) uint8 RGB left image, or None.
         """
+        number, self._frames = self._frames, self._frames + 1
+        if depth is None:
+            return
         ground = camera_pose[2, 3] - self._spec.mount.height
         foot = np.array([*self._goal[:2], ground])
         lines = [Line("Goal", np.stack([foot, np.add(foot, (0, 0, POLE))]), GOAL_COLOUR)]
@@ -115,7 +119,7 @@ class DriveRecorder:
             lines.append(Line("Chosen motion", _on_ground(navigator.motion.poses, state, ground), MOTION_COLOUR))
         note = f"{command.status}, {command.speed:.2f} m/s, {np.rad2deg(command.yaw_rate):+.1f} deg/s"
         load = partial(_view, rig, camera_pose, depth, confidence, image, state, tuple(lines), note)
-        self.shots.append(Shot(f"frame {len(self.shots)}", camera_pose, load))
+        self.shots.append(Shot(f"frame {number}", camera_pose, load))
 
 
 def _on_ground(poses: np.ndarray, state: MapState, ground: float) -> np.ndarray:

@@ -272,17 +272,21 @@ class Navigator:
         x, y = np.clip(self.map.cell_of(place[:2]), 0, self.map.n - 1)
         return bool(ground.inflated[y, x])
 
-    def judge(self, place: np.ndarray, elevation: ElevationMap | None = None) -> Traversability:
+    def judge(
+        self, place: np.ndarray, elevation: ElevationMap | None = None, passable: np.ndarray | None = None
+    ) -> Traversability:
         """Return the traversability of a map as this step judges it: with its bumps, dead ends, area and risk.
 
         Args:
             place: (3,) x, y [m], yaw [rad] of the rover, under which nothing is an obstacle.
             elevation: The map, with the cells of the navigator's own; None for that one.
+            passable: (n, n) bool, further cells that are no obstacle whatever the map shows, or None.
         """
         elevation = self.map if elevation is None else elevation
         half_length, half_width = self.spec.length / 2 - CARRIED_INSET, self.spec.width / 2 - CARRIED_INSET
         carried = rectangle_mask(elevation, place, half_length, half_width)
-        ground = assess(elevation, self.spec, self.risk.rules, self._closed(), carried)
+        passable = carried if passable is None else passable | carried
+        ground = assess(elevation, self.spec, self.risk.rules, self._closed(), passable)
         if not self.recovery.dead_ends:
             return ground
         dead_ends = disc_mask(self.map, self.recovery.dead_ends, DEAD_END_RADIUS)

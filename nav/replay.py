@@ -291,10 +291,9 @@ def _mount(config: ReplayConfig) -> CameraMount:
 
 
 def _record(recorder: DriveRecorder, frame: Frame, navigator: Navigator, command: Command) -> None:
-    """Keep a frame with depth and the decision on it for the page in the browser."""
-    if frame.depth is not None:
-        image = None if frame.images is None else frame.images[0]
-        recorder.add(navigator, command, frame.rig, frame.camera_pose, frame.depth, frame.confidence, image)
+    """Keep a frame and the decision on it for the page in the browser."""
+    image = None if frame.images is None else frame.images[0]
+    recorder.add(navigator, command, frame.rig, frame.camera_pose, frame.depth, frame.confidence, image)
 
 
 def _frames_of_dataset(config: ReplayConfig) -> list[Frame]:

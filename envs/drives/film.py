@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -13,24 +14,48 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
+from envs.world.referee import DRIVING
 from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
 from marssim.base.images.video_file import written_video
 from marssim.physics.state import RoverState
+from nav.ground.map_files import UNKNOWN_COLOUR, class_colours
 from nav.navigator import Navigator
 from nav.path.footprint import footprint_corners
 
 PANEL = HEIGHT  # [px] side of the square panels: as high as the outside view, and half as wide
 MAP_METRES = 24.0  # [m] side of the map
 SCALE_BAR = 5.0  # [m] length of the map's scale
-MAP_TITLE = "map: green free, yellow costly, red blocked, grey unknown"
+MAP_TITLE = "map: yellow costly, orange too near, red blocked"
+GOAL_COLOUR = (80, 200, 255)
+ASTRAY = 0.1  # [m] between the goal and where the odometry takes it to be, from which both are drawn
 TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
 FPS = 5  # frames a second
 LAST_FRAMES = 2 * FPS  # frames that show how a drive ended
 STILL_EVERY = 10  # steps between two stills
 
 
+@dataclass(frozen=True)
+class _Moment:
+    """What a step shows before the driver has decided on it."""
+
+    env: MarsNavEnv
+    driver: Driver
+    step: int
+    pose: np.ndarray
+    """(4, 4) true pose."""
+    believed_pose: np.ndarray
+    """(4, 4) pose by the odometry."""
+    panels: list[np.ndarray]
+    """The view from outside and the titled pictures of the last look: left eye, depth, normals."""
+    lines: list[str]
+    """What stands on the view from outside, but for the command: title, motion, contact, ending."""
+
+
 class Film:
     """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second), and shows for 2 s how the drive ended.
+
+    A frame shows a step as the driver met it: where the rover stands, its last look, the map that the driver made of
+    it, and the motion that it chose. So a step is written when the next one is watched, and the last one at its end.
 
     Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it. The file gets
     its name when the film is whole: an exception in the block leaves an older file, or none.
@@ -55,6 +80,8 @@ class Film:
         self.title = title
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None
+        self._looked = 0  # step of the last look
+        self._moment: _Moment | None = None
 
     def __enter__(self) -> Film:
         return self
@@ -62,6 +89,8 @@ class Film:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        if error is None:
+            self._write_moment()
         self._file.__exit__(kind, error, traceback)
 
     def close(self) -> None:
@@ -70,6 +99,7 @@ class Film:
         Raises:
             OSError: If the file cannot be written whole.
         """
+        self._write_moment()
         self._file.close()
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
@@ -81,10 +111,13 @@ class Film:
             step: Number of the step.
         """
         assert env.course is not None and env.vehicle is not None and env.sight is not None
+        self._write_moment()
+        if env.gaze.fresh:
+            self._looked = step
         if self._view is None or self._view.scene is not env.course.scene:
             self._view = OutsideView(env.course.scene, env.perception.renderer)
         sight, state = env.sight, env.vehicle.state()
-        outside = self._view.picture(state, env.vehicle.mesh(sight.pan))
+        outside = self._view.picture(state, env.vehicle.mesh(env.gaze.pan))
         left, normal = sight.left, sight.normal
         if left is None:  # the perception is the ground truth, and took no picture
             picture = env.perception.picture(sight.pose)
@@ -92,69 +125,83 @@ class Film:
         elif normal is not None:  # normals mean nothing where the estimator sees sky
             normal = np.where(np.isfinite(sight.depth)[..., None], normal, 0)
         distance = float(np.hypot(*(env.course.goal - state.position[:2])))
-        top = [
-            _titled(
-                outside,
-                self.title,
-                f"step {step}   {_motion(state)}   goal {distance:.1f} m",
-                f"{_command(env, driver)}   {_contact(env)}",
-                _ending(env, driver),
-            ),
-            _titled(_square(left), "left eye"),
-        ]
-        bottom = [
-            _titled(_with_scale(_square(depth_colours(sight.depth))), DEPTH_TITLE),
+        when = "" if self._looked == step else f" of step {self._looked}"
+        panels = [
+            outside,
+            _titled(_square(left), f"left eye{when}"),
+            _titled(_with_scale(_square(depth_colours(sight.depth))), _of_step(DEPTH_TITLE, when)),
             _titled(_square(normal_colours(np.zeros(left.shape))), "normals: this perception gives none")
             if normal is None
-            else _titled(_square(normal_colours(normal)), NORMAL_TITLE),
-            _titled(navigator_map(env, driver), MAP_TITLE if _navigator(driver) else "map: this driver keeps none"),
+            else _titled(_square(normal_colours(normal)), _of_step(NORMAL_TITLE, when)),
         ]
+        motion = f"step {step}   {_motion(state)}   goal {distance:.1f} m"
+        lines = [self.title, motion, _contact(env), _ending(env, driver)]
+        self._moment = _Moment(env, driver, step, state.pose, env.believed_pose, panels, lines)
+        if env.outcome != DRIVING:
+            self._write_moment(LAST_FRAMES)
+
+    def _write_moment(self, frames: int = 1) -> None:
+        """Write the step that was watched last, once; what is decided at the end of a drive is the step before."""
+        moment, self._moment = self._moment, None
+        if moment is None:
+            return
+        env, driver, (title, motion, contact, ending) = moment.env, moment.driver, moment.lines
+        command = contact if ending else f"{_command(env, driver)}   {contact}"
+        outside, left, depth, normal = moment.panels
+        ground = navigator_map(env, driver, moment.pose, moment.believed_pose)
+        top = [_titled(outside, title, motion, command, ending), left]
+        bottom = [depth, normal, _titled(ground, MAP_TITLE if _navigator(driver) else "map: this driver keeps none")]
         frame = np.vstack([np.hstack(top), np.hstack(bottom)])
-        for _ in range(1 if env.outcome == "driving" else LAST_FRAMES):
+        for _ in range(frames):
             self._write(np.ascontiguousarray(frame[..., ::-1]))
-        if step % STILL_EVERY == 0:
+        if moment.step % STILL_EVERY == 0:
             self.stills.append(frame)
 
 
-def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
+def navigator_map(env: MarsNavEnv, driver: Driver, pose: np.ndarray, believed_pose: np.ndarray) -> np.ndarray:
     """Return a map around the rover, north up: the navigator's ground, its far path and the goal.
 
-    Everything is drawn at the believed pose, as the map is made from the odometry's poses.
+    Everything is drawn at the believed pose, as the map is made from the odometry's poses. Where that is wrong, the
+    place that it takes for the goal is drawn as well.
 
     Args:
         env: The environment.
         driver: The driver; the map stays grey if it is no NavigatorDriver.
+        pose: (4, 4) true pose of the rover.
+        believed_pose: (4, 4) its pose by the odometry.
 
     Returns:
         (PANEL, PANEL, 3) uint8.
     """
     assert env.course is not None
-    pose = env.believed_pose
     scale = PANEL / MAP_METRES
-    canvas = np.full((PANEL, PANEL, 3), 60, np.uint8)
-    middle, yaw = pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])
+    canvas = np.full((PANEL, PANEL, 3), UNKNOWN_COLOUR, np.uint8)
+    middle, yaw = believed_pose[:2, 3], np.arctan2(believed_pose[1, 0], believed_pose[0, 0])
 
     def pixel(xy: np.ndarray) -> tuple[int, int]:
         return round(PANEL / 2 + (xy[0] - middle[0]) * scale), round(PANEL / 2 - (xy[1] - middle[1]) * scale)
 
     navigator = _navigator(driver)
     if navigator is not None and navigator.ground is not None:
-        ground = navigator.ground
         axis = (np.arange(PANEL) + 0.5) / scale - MAP_METRES / 2
         x, y = np.meshgrid(middle[0] + axis, middle[1] - axis)
         cells = navigator.map.cell_of(np.stack([x, y], axis=-1))
         inside = np.all((cells >= 0) & (cells < navigator.map.n), axis=-1)
         c, r = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-        judged = inside & ground.known[r, c]
-        cost = np.clip(np.nan_to_num(ground.cost[r, c], posinf=1e3) / 4, 0, 1)[..., None]
-        free, costly = np.array([120, 150, 110]), np.array([225, 180, 90])
-        canvas[judged] = (free + (costly - free) * cost)[judged].astype(np.uint8)
-        canvas[inside & ground.blocked[r, c]] = (190, 60, 60)
+        canvas[inside] = class_colours(navigator.map, navigator.ground)[r, c][inside]
         for xy in navigator.planner.field.path(middle, MAP_METRES):
             cv2.circle(canvas, pixel(xy), 1, (240, 240, 240), -1, cv2.LINE_AA)
-    goal = pixel(env.course.goal)
-    edge = tuple(int(np.clip(v, 8, PANEL - 8)) for v in goal)
-    cv2.circle(canvas, edge, 7, (80, 200, 255), 2, cv2.LINE_AA)
+    believed_goal = env.course.goal[:2]
+    goal = _moved(believed_goal, pose, believed_pose)
+    both = bool(np.hypot(*(goal - believed_goal)) > ASTRAY)
+    places = [(believed_goal, 1, "goal by odometry", -12), (goal, 2, "goal", 21)] if both else [(goal, 2, "", 0)]
+    for place, width, name, below in places:
+        column, row = (int(np.clip(v, 8, PANEL - 8)) for v in pixel(place))
+        cv2.circle(canvas, (column, row), 7, GOAL_COLOUR, width, cv2.LINE_AA)
+        text = cv2.getTextSize(name, *TEXT[:2], TEXT[3])[0][0]
+        corner = int(np.clip(column - text // 2, 2, PANEL - 2 - text)), int(np.clip(row + below, 16, PANEL - 4))
+        for colour, weight in (((18, 18, 20), 3), TEXT[2:4]):
+            cv2.putText(canvas, name, corner, *TEXT[:2], colour, weight, cv2.LINE_AA)
     c, s = np.cos(yaw), np.sin(yaw)
     corners = [pixel(corner) for corner in footprint_corners(env.rover_spec, (*middle, yaw))]
     cv2.polylines(canvas, [np.array(corners, dtype=np.int32)], True, (255, 255, 255), 2, cv2.LINE_AA)
@@ -165,12 +212,18 @@ def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
     return canvas
 
 
+def _moved(place: np.ndarray, pose: np.ndarray, believed_pose: np.ndarray) -> np.ndarray:
+    """Return where the odometry takes a place (2,) of the true world to be, from how the rover stands to it."""
+    ahead = pose[:2, :2].T @ (place - pose[:2, 3])
+    return np.asarray(believed_pose[:2, :2] @ ahead + believed_pose[:2, 3])
+
+
 def _motion(state: RoverState) -> str:
     return f"{state.velocity[0]:.2f} m/s   tilt {np.degrees(state.tilt):.0f} deg"
 
 
 def _command(env: MarsNavEnv, driver: Driver) -> str:
-    """Return what the driver wanted in the last step: the navigator's status, and the motion."""
+    """Return what the driver has just decided: the navigator's status, and the motion."""
     command = driver.command if isinstance(driver, NavigatorDriver) else None
     if command is not None:
         return f"{command.status}: {command.speed:+.2f} m/s {np.degrees(command.yaw_rate):+.0f} deg/s"
@@ -188,7 +241,7 @@ def _contact(env: MarsNavEnv) -> str:
 
 def _ending(env: MarsNavEnv, driver: Driver) -> str:
     """Return how the drive ended; "" while it goes on."""
-    if env.outcome == "driving":
+    if env.outcome == DRIVING:
         return ""
     command = driver.command if isinstance(driver, NavigatorDriver) else None
     stuck = env.outcome == "no_path" and command is not None and command.status == "stuck"
@@ -219,6 +272,11 @@ def _with_scale(image: np.ndarray) -> np.ndarray:
         cv2.putText(out, text, (left, top - 6), *TEXT)
         cv2.line(out, (margin + column, top - 3), (margin + column, top + height), TEXT[2], 1)
     return out
+
+
+def _of_step(title: str, when: str) -> str:
+    """Return a title that says of which step the picture is."""
+    return title.replace(":", f"{when}:", 1)
 
 
 def _titled(image: np.ndarray, *lines: str) -> np.ndarray:

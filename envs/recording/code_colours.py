@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from marssim.base.dataset.drive_file import MAP_CODES
+from marssim.base.dataset.drive_file import FULL_COST, MAP_CODES
+from nav.ground.map_files import COSTLY
 
 WORST = 0.1  # share of the depth from which errors have the same colour
 NO_ERROR = (70, 70, 70)  # colour of pixels without an error
@@ -25,7 +26,8 @@ def code_colours() -> dict[str, np.ndarray]:
     errors = np.where(error < 0, _between(white, (40, 90, 170), -error), _between(white, (180, 50, 40), error))
     errors[0] = NO_ERROR
     free, costly = MAP_CODES["free"], MAP_CODES["costly"]
-    ground = _between((124, 152, 112), (228, 190, 104), np.clip((code - free) / (costly - free), 0, 1)[:, None])
+    share = (code - free) / (costly - free) * FULL_COST / COSTLY
+    ground = _between((124, 152, 112), (228, 190, 104), np.clip(share, 0, 1)[:, None])
     ground[MAP_CODES["unknown"]] = UNKNOWN
     ground[MAP_CODES["too_near"] :] = (214, 140, 92)
     ground[MAP_CODES["blocked"] :] = (176, 58, 52)

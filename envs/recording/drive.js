@@ -5,8 +5,8 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
 for (const layer of ["depth", "confidence", "error", "map"]) TABLES[layer] = DATA.colours[layer].map(rgb);
 const STATUS = {
   drive: ["#6a9a62", "drives"], turn: ["#5a86b8", "turns in place"], look: ["#b9a05a", "looks"], recover: ["#c9743c", "recovers"],
-  blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: ["#9b3fa0", "gives up: stuck"],
-  no_path: ["#7a4a9a", "gives up: no path"],
+  blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: [DATA.colours.outcomes.stuck, "gives up: stuck"],
+  no_path: [DATA.colours.outcomes.no_path, "gives up: no path"],
 };
 const STANDING = 1e-7; // [m] between the positions of two steps of the same way, as where the rover turns in place
 const SAME_COURSE = 0.1; // [m] by which start, goal and shortest path of two drives of one course may differ
@@ -88,7 +88,7 @@ function driveColumn(drive) {
     when.textContent = moment(drive, n);
     const [colour, words] = statusOf(step);
     reason.replaceChildren(make("span", { class: "chip", background: colour }, words), ending(step, n) ?? step.reason ?? "");
-    facts.replaceChildren(...factsOf(step, drive.steps[look]).map(([name, value, alarm]) =>
+    facts.replaceChildren(...factsOf(step, drive.steps[look], drive.pictures.error[look]).map(([name, value, alarm]) =>
       make("div", alarm ? { class: "alarm" } : {}, make("small", {}, name), value)));
     map.update(n);
     costs.update(step);
@@ -102,18 +102,18 @@ function driveColumn(drive) {
   return { drive, element, update, map };
 }
 
-function factsOf(step, look) {
+function factsOf(step, look, compared) {
   const facts = [];
   if (step.action) {
     const command = step.command;
     if (command) facts.push(["speed", `${command.speed.toFixed(2)} m/s`], ["turn", sideways(command.yaw_rate, 1, "/s")]);
-    else facts.push(["action", step.action.map((value) => value.toFixed(2)).join(", ")]);
+    else facts.push(...step.action.map((value, n) => [`action: ${["speed", "turn", "mast"][n] ?? n}`, `${(100 * value).toFixed(0)} %`]));
   }
   facts.push(["mast", sideways(step.pan, 0, "")], ["to the goal", `${step.distance.toFixed(1)} m`],
     ["clearance", step.clearance >= 3 ? "over 3 m" : `${step.clearance.toFixed(2)} m`, step.clearance < 0.1],
     ["contact", step.contact === "obstacle" ? "wheel on a rock" : step.contact, step.contact !== "none"],
     ["tilt", `${step.tilt_deg.toFixed(0)}\u00b0`, step.tilt_deg > 20],
-    ["depth error", look.abs_rel === null ? "none, true depth" : `${(100 * look.abs_rel).toFixed(1)} %`, look.abs_rel > 0.1]);
+    ["depth error", look.abs_rel === null ? (compared ? "nothing in range" : "none, true depth") : `${(100 * look.abs_rel).toFixed(1)} %`, look.abs_rel > 0.1]);
   const astray = Math.hypot(step.pose[0][3] - step.believed_pose[0][3], step.pose[1][3] - step.believed_pose[1][3]);
   if (astray > 0.005) facts.push(["odometry off by", `${astray.toFixed(2)} m`, astray > 0.5]);
   if (step.risk_level) facts.push(["risk level", String(step.risk_level), true]);
@@ -204,6 +204,8 @@ function ofOneCourse(a, b) {
 function layOut() {
   const all = columns.flatMap(({ drive }) => drive.steps.map((_, n) => coordinate(drive, n)));
   stops = [...new Set(all)].sort((a, b) => a - b);
+  const met = new Map(columns.flatMap(({ drive }) => drive.steps.map((step) => statusOf(step).toReversed())));
+  byId("statuses").replaceChildren(...[...met].map(([words, colour]) => make("span", {}, make("i", { background: colour }), words)));
   byId("position").max = stops.length - 1;
   byId("sync").hidden = columns.length < 2;
   byId("beside").hidden = columns.length > 1;
@@ -241,6 +243,7 @@ document.addEventListener("keydown", (event) => {
   const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()]; // with Caps Lock too
   if (event.ctrlKey || event.metaKey || event.altKey || !act) return;
   if (event.key === " " && event.target.matches("button, input:not([type=range])")) return; // it presses that
+  if (event.key.startsWith("Arrow") && event.target.matches("input[type=radio]")) return; // it chooses another one
   event.preventDefault();
   act();
 });

@@ -35,7 +35,7 @@ ENDINGS = {
     "goal": "It reached the goal", "collision": "It hit an obstacle", "tilt": "It tilted by more than 30 deg",
     "stuck": "It got stuck", "time": "It ran out of time", "out_of_bounds": "It left the ground",
     "no_path": "The driver found no path and gave up",
-    "elsewhere": "The driver believed that it was at the goal, but it was not",
+    "elsewhere": "The driver believed that it was at the goal, but was elsewhere",
 }  # fmt: skip
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from copy import deepcopy
 
+import cv2
 import numpy as np
 
 from envs.drives.episodes import Cause
 from envs.mars_nav import MarsNavEnv
+from envs.world.referee import DRIVING
 from nav.ground.elevation import LAYERS, ElevationMap
 from nav.ground.traversability import assess
 from nav.navigator import Navigator
@@ -17,7 +19,6 @@ from nav.path.planner import Planner
 
 TOUCHED = 0.3  # [m] from the footprint, within which a true obstacle may be what the rover hit
 SAME_OBSTACLE = 0.2  # [m] within which an obstacle on the other map is the same
-DRIVING = "driving"  # outcome of a drive that goes on
 IN_WORDS = {
     Cause.ODOMETRY: "its odometry erred",
     Cause.KNOWN_OBSTACLE: "it hit, or tilted on, an obstacle that its map shows",
@@ -99,21 +100,24 @@ class TrueDepthMap:
         planner = Planner(navigator.spec, navigator.config.planner, own)
         planner.margin = navigator.planner.margin
 
-        def opens(elevation: ElevationMap) -> bool:
-            return is_open(planner, elevation, navigator.judge(place, elevation), place, goal)
+        def opens(elevation: ElevationMap, passable: np.ndarray | None = None) -> bool:
+            return is_open(planner, elevation, navigator.judge(place, elevation, passable), place, goal)
 
         if opens(own):
             return Cause.DETOUR
         if not opens(true):
             return Cause.NO_TRUE_PATH
+        # Where the heights around a corrected cell err, its true height is a step beside them: what is free with true
+        # depth is told to be so. The wheels feel the neighbours of the cells that they are on.
         true_ground = navigator.judge(place, true)
-        false = navigator.judge(place).blocked & true_ground.known & ~true_ground.blocked
-        gaps = ~own.measured & true.measured
-        if opens(_corrected(own, true, false)):
+        blocked, free = navigator.judge(place).blocked, true_ground.known & ~true_ground.blocked
+        false, gaps = blocked & free, ~own.measured & true.measured
+        around = true.measured & (cv2.dilate(false.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+        if opens(_corrected(own, true, around), false):
             return Cause.FALSE_OBSTACLES
-        if opens(_corrected(own, true, gaps)):
+        if opens(_corrected(own, true, gaps), free & ~blocked):
             return Cause.UNMEASURED_GROUND
-        return Cause.BOTH if opens(_corrected(own, true, false | gaps)) else Cause.OTHER_ERRORS
+        return Cause.BOTH if opens(_corrected(own, true, around | gaps), free) else Cause.OTHER_ERRORS
 
 
 def _corrected(own: ElevationMap, true: ElevationMap, where: np.ndarray) -> ElevationMap:

@@ -36,6 +36,12 @@ function believedFrame(step) {
   return ([px, py]) => [bx + c * (px - x) - s * (py - y), by + s * (px - x) + c * (py - y)];
 }
 
+// Whether the odometry takes the goal of a drive to be somewhere else at a step.
+function goalIsAstray(drive, step) {
+  const [x, y] = believedFrame(step)(drive.goal);
+  return Math.hypot(x - drive.goal[0], y - drive.goal[1]) > 0.1;
+}
+
 function costColour(extra) {
   const share = Math.min(Math.max(extra / DEAR, 0), 1);
   return `hsl(${Math.round(130 - 125 * share)} 75% ${Math.round(58 - 6 * share)}%)`;
@@ -49,7 +55,7 @@ function mapPanel(drive) {
   const note = make("span");
   const panel = make("div", { class: "panel map" }, make("h2", {}, "map of the navigator, north up"),
     make("div", { class: "tools" }, make("label", {}, truth, " true rocks and shortest path"),
-      make("label", {}, whole, " whole course"), note), canvas, mapLegend());
+      make("label", {}, whole, " whole course"), note), canvas, mapLegend(drive));
   let current = 0, emphasised = null, wanted = null;
 
   function view(step) {
@@ -108,7 +114,9 @@ function mapPanel(drive) {
     if (step.path) line(step.path, "rgba(255, 255, 255, .85)", 1.6, [0.12, 0.3]);
     const place = placeOf(step.believed_pose);
     if (step.candidates) drawCandidates(step, place, line);
-    circle(believed(drive.goal), DATA.goalRadius, "#59c8ff", 2.5);
+    const goal = believed(drive.goal);
+    circle(goal, DATA.goalRadius, "#59c8ff", 2.5);
+    if (goalIsAstray(drive, step)) circle(drive.goal, DATA.goalRadius, "#d9a4ff", 2.5);
     const corners = footprint(place, drive.rover);
     line([...corners, corners[0]], step.contact === "none" ? "#fff" : "#ff4b3a", 2.6);
     line([place, [place[0] + Math.cos(place[2]), place[1] + Math.sin(place[2])]], "#fff", 2.6);
@@ -157,11 +165,11 @@ function mapPanel(drive) {
   return { panel, update, emphasise(n) { emphasised = n; redraw(); } };
 }
 
-function mapLegend() {
+function mapLegend(drive) {
   const colours = DATA.colours.map;
   const entries = [[colours[1], "free"], [colours[200], "costly"], [colours[220], "too near to an obstacle"],
     [colours[250], "blocked"], [colours[0], "not seen"], ["#fff", "chosen motion, planned path (dashed), rover"],
     [costColour(0), "least cost"], [costColour(DEAR), `costs ${DEAR} m more`], ["#14100e", "not free"], ["#8fd0ff", "driven"],
-    ["#59c8ff", "goal"], ["#ff4b3a", "rover in contact"], ["#faeb96", "shortest path"], ["#fff", "rocks (rings)"]];
+    ["#59c8ff", "goal"], ...(drive.steps.some((step) => goalIsAstray(drive, step)) ? [["#d9a4ff", "goal by odometry"]] : []), ["#ff4b3a", "rover in contact"], ["#faeb96", "shortest path"], ["#fff", "rocks (rings)"]];
   return make("div", { class: "legend" }, ...entries.map(([colour, words]) => make("span", {}, make("i", { background: colour }), words)));
 }

@@ -13,9 +13,10 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.drives.episodes import Cause, EpisodeRecord, Watch
 from envs.mars_nav import STEP_SECONDS, MarsNavEnv
-from envs.recording.failure_cause import DRIVING, TrueDepthMap
+from envs.recording.failure_cause import TrueDepthMap
 from envs.world.look_scores import in_range, look_abs_rel
 from envs.world.perception import Sight
+from envs.world.referee import DRIVING
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.drive_file import (
     FULL_COST,

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from envs.courses.clearance import FAR
 from marssim.base.dataset.drive_file import DriveFile
 from nav.path.footprint import arc_poses
 
 SPACING = 0.1  # [m] between the checked places of a motion
 LED_THERE = 0.5  # [m] from the place where the drive ended, within which a motion leads over it
 NO_FARTHER = 0.02  # [m] by which a rover that turns in place may move away from its goal
+BELOW_FAR = FAR - 0.001  # [m] the largest clearance that is measured
 ASTRAY = 0.5  # [m] error of the odometry from which a drive can end elsewhere
 
 Step = Mapping[str, Any]
@@ -41,7 +43,7 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
         if outcome == "tilt":
             start = _run_back(last, lambda i: steps[i + 1]["tilt_deg"] >= steps[i]["tilt_deg"])
             return start, "from here on, the rover tilted more at each step"
-        start = _run_back(last, lambda i: steps[i + 1]["clearance"] <= steps[i]["clearance"])
+        start = _run_back(last, lambda i: steps[i + 1]["clearance"] <= min(steps[i]["clearance"], BELOW_FAR))
         return start, "from here on, the rover came nearer to an obstacle at each step"
     if outcome == "elsewhere" and _odometry_error(steps[last]) > ASTRAY:  # not so if the driver alone erred
         start = _run_back(last, lambda i: _odometry_error(steps[i]) > ASTRAY)

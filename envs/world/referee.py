@@ -11,6 +11,7 @@ from marssim.base.rover_spec import RoverSpec
 GOAL_RADIUS = 1.0  # [m] within which the goal is reached
 STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # steps, and [m] below which the rover is stuck
 STUCK_SPEED = 0.25  # share of the full speed from which a command is one to drive
+DRIVING = "driving"  # the outcome of a drive that goes on
 STEPS_PER_METRE = 15  # time limit: six times what the straight path takes at full speed
 
 
@@ -28,7 +29,7 @@ class Referee:
         self._places = [course.start[:2]]  # the rover's places since the last command to stand or turn
 
     def judge(self, vehicle: Vehicle, speed: float, steps: int) -> str:
-        """Return the state of the episode: an outcome as MarsNavEnv names it, "driving" while it goes on.
+        """Return the state of the episode: an outcome as MarsNavEnv names it, DRIVING while it goes on.
 
         Args:
             vehicle: The rover.
@@ -47,7 +48,7 @@ class Referee:
             return "out_of_bounds"
         if self._stuck(position, speed):
             return "stuck"
-        return "time" if steps >= self.time_limit else "driving"
+        return "time" if steps >= self.time_limit else DRIVING
 
     def _stuck(self, position: np.ndarray, speed: float) -> bool:
         if abs(speed) < STUCK_SPEED * self.spec.max_speed:

@@ -43,7 +43,7 @@ def steps_record(steps: Sequence[StepMap]) -> list[dict[str, Any]]:
 
 
 def change_colours(change: np.ndarray) -> np.ndarray:
-    """Return a change of disparity as colours: white where there is none, red to nearer, blue to farther.
+    """Return a change of disparity as colours: white where there is none, blue to nearer, red to farther.
 
     Args:
         change: (H, W) [px]; NaN where it is unknown.
@@ -53,7 +53,7 @@ def change_colours(change: np.ndarray) -> np.ndarray:
     """
     share = np.nan_to_num(np.clip(change / LARGEST, -1, 1))
     fade = 1 - np.abs(share)
-    red, blue = (np.where(side * share > 0, 1.0, fade) for side in (1, -1))
+    blue, red = (np.where(side * share > 0, 1.0, fade) for side in (1, -1))
     colours = (255 * np.stack([red, fade, blue], axis=-1)).astype(np.uint8)
     colours[np.isnan(change)] = 0
     return colours
@@ -81,7 +81,7 @@ def steps_picture(steps: Sequence[StepMap], fb: float, common: float, shown: tup
         else:
             change = change_colours(step.disparity - steps[number - 1].disparity)
             words = "unknown" if mean is None else f"{mean:.3f} px in the mean"
-            below = titled(f"change: {words}; {LARGEST:g} px farther blue, nearer red", sized(change, WIDEST))
+            below = titled(f"change: {words}; {LARGEST:g} px nearer blue, farther red", sized(change, WIDEST))
         panels.append(np.concatenate([above, below]))
     height, width = panels[0].shape[:2]
     columns = min(COLUMNS, max(2, len(panels)))

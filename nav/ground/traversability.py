@@ -195,7 +195,7 @@ def assess(
     spec: RoverSpec,
     config: TraversabilityConfig,
     extra_blocked: np.ndarray | None = None,
-    carried: np.ndarray | None = None,
+    passable: np.ndarray | None = None,
 ) -> Traversability:
     """Judge every cell of a map for a rover.
 
@@ -204,7 +204,7 @@ def assess(
         spec: The rover.
         config: The rules.
         extra_blocked: (n, n) bool, obstacles that the map does not show (the rover bumped into them), or None.
-        carried: (n, n) bool, cells that the rover stands on, passable whatever the map shows, or None.
+        passable: (n, n) bool, cells that are no obstacle whatever the map shows, as the rover stands on them, or None.
     """
     cell = elevation.config.cell
     # Assumed ground may be wrong by decimetres on rough terrain: measured ground beside it would look like a step.
@@ -218,8 +218,8 @@ def assess(
     blocked = _blocked(step, slope, roughness, measured, cell, config) | elevation.possible_drop
     if extra_blocked is not None:
         blocked |= extra_blocked
-    if carried is not None:
-        blocked &= ~carried
+    if passable is not None:
+        blocked &= ~passable
     hiding = cv2.morphologyEx((~filled).astype(np.uint8), cv2.MORPH_OPEN, _square(_odd(config.hiding_width, cell)))
     dark = (hiding > 0) & ~filled
     clearance = distance_to(blocked, cell)

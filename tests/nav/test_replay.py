@@ -223,6 +223,23 @@ def test_a_recorded_episode_is_replayed_to_its_own_goal(tmp_path, capsys):
     assert "arrived" in capsys.readouterr().out.splitlines()[1]
 
 
+def test_the_frames_of_a_view_have_the_numbers_of_the_table(tmp_path, capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr(command, "check_viewer", lambda: None)
+    monkeypatch.setattr(command, "show", lambda shots, title: shown.extend(shots))
+    steps = [drive_step(x=0.3 * n, looked=n % 3 == 0) for n in range(7)]
+    pictures = {
+        k: v for n, frame in enumerate(frames(7)) if n % 3 == 0 for k, v in look_pictures(n, frame.depth).items()
+    }
+    drive_of(tmp_path / "drive.zip", steps, pictures, rig=SMALL_RIG, goal=(20.0, 0.0))
+    assert main([str(tmp_path / "drive.zip"), "--view"]) == 0
+    rows = {line.split()[0]: line.split()[1:3] for line in capsys.readouterr().out.splitlines()[1:-1]}
+    assert [shot.name for shot in shown] == ["frame 0", "frame 3", "frame 6"]
+    for shot in shown:
+        status, speed = rows[shot.name.removeprefix("frame ")]
+        assert shot.load().note.startswith(f"{status}, {speed} m/s")
+
+
 @pytest.mark.parametrize("area", [[-9.0, -9.0, 0.5, 9.0], None])
 def test_the_area_of_a_recorded_drive_is_kept_to(tmp_path, capsys, area):
     """Without one, as in files of before, the rover drives on."""

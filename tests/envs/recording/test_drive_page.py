@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from recorded_drives import candidates, content, drive_of, step
+from recorded_drives import candidates, content, drive_of, pose_rows, step
 
 from envs.recording.drive_page import drive_page, page_script, write_drive_pages
 from marssim.base.dataset.drive_file import encode_drive, read_drive
@@ -203,6 +203,43 @@ def test_by_the_way_driven_each_step_of_a_rover_that_stands_can_be_shown(browser
     browser.execute_script("document.querySelector('input[value=way]').click()")
     assert shown() == [2, 0]
     assert browser.get_log("browser") == []
+
+
+def test_a_page_is_used_with_the_keyboard_alone_and_in_a_narrow_window(browser, tmp_path):
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    drive = drive_of(tmp_path / "a.zip", [step(), step(x=4.0), step(x=9.0)])
+    for name, drives in (("one", [drive]), ("pair", [drive, drive])):
+        (tmp_path / f"{name}.html").write_bytes(drive_page(drives))
+    browser.get((tmp_path / "pair.html").as_uri())
+    browser.find_element(By.CSS_SELECTOR, "input[value=time]").send_keys(Keys.ARROW_RIGHT)
+    assert browser.execute_script("return [by, index]") == ["way", 0]
+    size = browser.get_window_size()
+    browser.set_window_size(700, 800)
+    left, right = browser.find_elements(By.TAG_NAME, "article")
+    assert left.rect["x"] == right.rect["x"] and right.rect["y"] >= left.rect["y"] + left.rect["height"]
+    browser.set_window_size(size["width"], size["height"])
+    browser.get((tmp_path / "one.html").as_uri())
+    focused = []
+    for _ in range(8):
+        ActionChains(browser).send_keys(Keys.TAB).perform()
+        focused.append(browser.execute_script("return document.activeElement.id"))
+    assert {"back", "play", "on", "position", "other"} <= set(focused)
+
+
+def test_the_map_shows_where_the_odometry_takes_the_goal_to_be(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+
+    legends = []
+    for error in (0.0, 1.0):
+        drive = drive_of(tmp_path / "a.zip", [step(), step(x=8.0, believed_pose=pose_rows(8.0 + error, 0, 0))])
+        (tmp_path / "a.html").write_bytes(drive_page([drive]))
+        browser.get((tmp_path / "a.html").as_uri())
+        legends.append(browser.find_element(By.CSS_SELECTOR, ".map .legend").text)
+    assert "goal by odometry" not in legends[0] and "goal by odometry" in legends[1]
+    assert browser.find_element(By.ID, "statuses").text == "drives"
 
 
 def test_a_chosen_motion_without_a_cost_stops_no_page(browser, tmp_path):

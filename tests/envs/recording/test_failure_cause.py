@@ -63,6 +63,14 @@ def test_a_wall_that_is_not_there_blocks_the_path(at):
     assert cause_of(drive, "no_path") is cause_of(drive, "stuck") is Cause.FALSE_OBSTACLES
 
 
+@pytest.mark.parametrize("ground", [0.0, 0.25])
+def test_obstacles_that_are_not_there_are_named_where_the_heights_around_them_err_too(ground):
+    high = [8.0, 0.0, 4.5, 9.0, ground]  # a plateau from 3.5 m on
+    wall = [5.0, 0.0, 0.3, 6.0, ground + 0.6]
+    drive = driven(PLAIN, RockWorld(boxes=np.array([high, wall])), at=1.2)
+    assert cause_of(drive, "no_path") in (Cause.FALSE_OBSTACLES, Cause.BOTH)
+
+
 def test_a_true_wall_blocks_the_path_with_true_depth_too():
     assert cause_of(driven(WALL, WALL), "no_path") is Cause.NO_TRUE_PATH
     assert cause_of(driven(WALL, PLAIN), "no_path") is Cause.DETOUR  # its own map shows a path

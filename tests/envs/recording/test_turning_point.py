@@ -19,6 +19,9 @@ def test_of_another_driver_it_is_where_the_clearance_begins_to_fall_for_good(tmp
     clearances = (1.0, 0.6, 0.9, 0.5, 0.0)
     steps = [step(x=0.4 * n, clearance=c) for n, c in enumerate(clearances)]
     assert turning_point(drive_of(tmp_path / "a.zip", steps, outcome="collision"))[0] == 2
+    clearances = (3.0, 3.0, 3.0, 2.6, 1.0, 0.0)  # farther than 3 m is not measured
+    steps = [step(x=0.4 * n, clearance=c) for n, c in enumerate(clearances)]
+    assert turning_point(drive_of(tmp_path / "a.zip", steps, outcome="collision"))[0] == 2
     steps = [step(x=0.4 * n, tilt_deg=t) for n, t in enumerate((3.0, 9.0, 8.0, 15.0, 31.0))]
     assert turning_point(drive_of(tmp_path / "a.zip", steps, outcome="tilt"))[0] == 2
 

@@ -24,9 +24,9 @@ def test_the_record_has_the_mean_change_of_each_step():
     assert [entry["mean_change_px"] for entry in steps_record(unknown)] == [None, None, None]
 
 
-def test_nearer_is_red_farther_is_blue_and_no_change_is_white():
+def test_nearer_is_blue_farther_is_red_and_no_change_is_white():
     colours = change_colours(np.array([[0.0, 0.5, 3.0, -1.0, np.nan]]))[0].tolist()
-    assert colours == [[255, 255, 255], [255, 127, 127], [255, 0, 0], [0, 0, 255], [0, 0, 0]]
+    assert colours == [[255, 255, 255], [127, 127, 255], [0, 0, 255], [255, 0, 0], [0, 0, 0]]
 
 
 @pytest.mark.parametrize(("count", "columns", "rows"), [(1, 2, 1), (3, 3, 1), (6, COLUMNS, 2)])
@@ -40,7 +40,7 @@ def test_the_depth_of_each_step_stands_above_its_change(count, columns, rows):
     assert np.ptp(depth) > 50
     assert (change == 255).all()  # before the first map there is none
     if count > 1:
-        assert (picture[2 * LINE + 300, 306 + 150] == [255, 0, 0]).all()
+        assert (picture[2 * LINE + 300, 306 + 150] == [0, 0, 255]).all()
 
 
 def test_sky_is_grey_and_a_common_disparity_brings_the_rest_nearer():

@@ -147,7 +147,7 @@ def test_bumps_block_and_carried_ground_does_not():
     elevation = painted(lambda x, y: 0.5 * ((np.abs(x) < 0.2) & (np.abs(y) < 0.2)))
     at = np.zeros((160, 160), bool)
     at[80 - 4 : 84, 76:84] = True
-    assert not assess(elevation, ZHURONG, CONFIG, carried=at).blocked.any()
+    assert not assess(elevation, ZHURONG, CONFIG, passable=at).blocked.any()
     bump = np.zeros_like(at)
     bump[20, 20] = True
     ground = assess(elevation, ZHURONG, CONFIG, extra_blocked=bump)
