@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
+from threading import get_ident
 from typing import Any
 
 from envs.drivers.by_name import make_driver
@@ -29,7 +30,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, check_files, check_worker, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, check_unchanged, check_worker, noted_digests, noted_runtime
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -53,8 +54,8 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
-# Methods that serve all drives, by name and runtime: each process loads a network once.
-_OF_ALL_DRIVES: dict[tuple[str, str], str | Estimator] = {}
+# Methods that serve all drives, by name, runtime and, for a user's class, thread: a process loads a network once.
+_OF_ALL_DRIVES: dict[tuple[str, str, int], str | Estimator] = {}
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -84,7 +85,8 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     )
     with results.claim():
         digests = noted_digests(results, (*config.perception, *config.driver))
-        driven_by = {"weights": digests, "runtime": noted_runtime(results, config.perception, config.runtime)}
+        runtime = noted_runtime(results, config.perception, config.runtime)
+        driven_by = {"driven_with": results.settings, "weights": digests, "runtime": runtime}
         return _evaluate(config, driven_by, test_errors)
 
 
@@ -93,7 +95,7 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     folder.mkdir(exist_ok=True)
     tasks = config.tasks
     missing = [task for task in tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
-    _run(config, missing, driven_by["weights"])
+    _run(config, missing, driven_by)
     content, records = write_results(config, driven_by, test_errors)
     _film(config, tasks, records)
     write_results_page(config.out, content, records, [task.file for task in tasks])  # again, with the films
@@ -108,7 +110,7 @@ def write_results(
 
     Args:
         config: The settings.
-        driven_by: Digests of weights and code, and the runtime, as results.json has them.
+        driven_by: Settings, digests of weights and code, and the runtime, as results.json has them.
         test_errors: Abs Rel of perceptions on their test set.
 
     Returns:
@@ -120,7 +122,6 @@ def write_results(
     records = [_read_record(config.out / "episodes", task) for task in config.tasks]
     content = {
         "config": as_json(asdict(config)),
-        "driven_with": config.content(),
         **driven_by,
         "code": dict(Counter(record.code for record in records)),
         "versions": versions(),
@@ -265,7 +266,7 @@ def _lacks_drive(config: EvaluateConfig, task: Task) -> bool:
     return config.record == "all" or _read_record(config.out / "episodes", task).outcome != "goal"
 
 
-def _run(config: EvaluateConfig, tasks: list[Task], digests: Mapping[str, str]) -> None:
+def _run(config: EvaluateConfig, tasks: list[Task], driven_by: Mapping[str, Any]) -> None:
     with progress(len(tasks), "episode", "drive") as bar:
 
         def finished(task: Sequence[Any], driven: tuple[EpisodeRecord, bytes | None]) -> None:
@@ -282,7 +283,7 @@ def _run(config: EvaluateConfig, tasks: list[Task], digests: Mapping[str, str]) 
             bar.update()
 
         runtimes = {name: recorded_runtime([name], config.runtime) for name in config.perception}
-        arguments = [(config, task, runtimes[task.perception], digests) for task in tasks]
+        arguments = [(config, task, runtimes[task.perception], driven_by) for task in tasks]
         run_tasks(drive_recorded, arguments, finished, config.workers, config.scheduler)
 
 
@@ -296,7 +297,7 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
 
 
 def drive_recorded(
-    config: EvaluateConfig, task: Task, runtime: str | None, digests: Mapping[str, str]
+    config: EvaluateConfig, task: Task, runtime: str | None, driven_by: Mapping[str, Any]
 ) -> tuple[EpisodeRecord, bytes | None]:
     """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive.
 
@@ -304,19 +305,19 @@ def drive_recorded(
         config: The settings.
         task: The episode.
         runtime: What must run its perception, see resume.check_worker.
-        digests: SHA-256 of the files of driver and perception, see resume.check_files.
+        driven_by: Settings, and digests of the files of drivers and perceptions, see resume.check_unchanged.
     """
     check_worker(task.perception, config.runtime, runtime)
-    check_files((task.driver, task.perception), digests)
+    check_unchanged(config, (task.driver, task.perception), driven_by)
     recorder = None if config.record == "none" else Recorder(_step_lines(config, task))
     record = drive(config, task, None if recorder is None else recorder.watch)
-    check_files((task.driver, task.perception), digests)
+    check_unchanged(config, (task.driver, task.perception), driven_by)
     if recorder is None:
         return record, None
     record = replace(record, cause=recorder.cause)
     if config.record == "failures" and record.outcome == "goal":
         return record, None
-    return record, recorder.drive_file(record, config.content())
+    return record, recorder.drive_file(record, driven_by["driven_with"])
 
 
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:
@@ -365,14 +366,15 @@ def _perception(name: str, runtime: str) -> str | Estimator:
     """Return what an environment takes as perception.
 
     Each drive has its own instance of a user's class, as of a driver, since what it keeps of a drive must not reach the
-    next. A class that can begin a drive has one for all.
+    next. A class that can begin a drive has one for all drives of a thread.
     """
-    if (name, runtime) not in _OF_ALL_DRIVES:
+    key = name, runtime, 0 if is_ours(name) else get_ident()
+    if key not in _OF_ALL_DRIVES:
         method = load_perception(name, runtime) or name
         if not (is_ours(name) or isinstance(method, BeginsDrives)):
             return method
-        _OF_ALL_DRIVES[name, runtime] = method
-    return _OF_ALL_DRIVES[name, runtime]
+        _OF_ALL_DRIVES[key] = method
+    return _OF_ALL_DRIVES[key]
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -122,7 +122,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
                 if f"{drive.stem}.json" in records:
                     write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
         results.note(**{WEIGHTS: weights, **runtimes})
-        driven_by = {WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values())}
+        driven_by = {"driven_with": joined.content(), WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values())}
         return write_results(joined, driven_by, test_errors)[0]
 
 

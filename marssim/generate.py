@@ -32,6 +32,7 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.files.png import encode_png
 from marssim.base.results.claim import ResultFolder
+from marssim.base.results.code_state import source_digest
 from marssim.base.results.out_folder import check_around
 from marssim.engines.egl import draws_on_a_card, probe
 from marssim.generation.command_line import command_flags
@@ -118,19 +119,20 @@ def _scenes(config: GenerateConfig) -> list[range]:
     return [range(min(per_scene, config.pairs - first)) for first in range(0, config.pairs, per_scene)]
 
 
-def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[GenerateConfig, int, list[int]]]:
+def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[GenerateConfig, int, list[int], str | None]]:
     """Return the arguments of all calls of generate_scene.
 
     A scene is one call. The last scenes, of which there are fewer than workers, are split by views, so that no worker
     is idle: of five scenes for two workers, the fifth is split. A drive is not split, nor are the scenes for a cluster,
     whose number of workers is not known.
     """
+    sources = None if config.scheduler is None else source_digest(("marssim",))
     shares = config.workers if config.scheduler is None and not config.trajectory else 1
     left_over = len(scenes) % shares
     tasks = []
     for scene, views in enumerate(scenes):
         parts = shares if scene >= len(scenes) - left_over else 1
-        tasks += [(config, scene, list(views[part::parts])) for part in range(min(parts, len(views)))]
+        tasks += [(config, scene, list(views[part::parts]), sources) for part in range(min(parts, len(views)))]
     return tasks
 
 

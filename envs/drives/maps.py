@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,7 +24,8 @@ OUTCOME_COLOURS = {
     "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
     "out_of_bounds": "#b08968", "no_path": "#264653", "elsewhere": "#3a86c8",
 }  # fmt: skip
-LINES = ("-", "--", ":", "-.")  # line styles, one for each driver and perception
+# Line styles, one for each driver and perception; a pair is an offset, and lengths of dashes and gaps.
+LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 2, 2, 2)))
 ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
 CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # intervals [m], and the most contours on a map
 CRASH = "collision"
@@ -66,8 +68,9 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
     columns = min(COLUMNS, len(courses))
     rows = -(-len(courses) // columns)
     legend = _legend(courses, groups)
-    across = min(1 + columns, len(legend))
+    longest = max(len(str(line.get_label())) for line in legend)
     panel = max(PANEL, NARROWEST / columns)
+    across = max(1, min(1 + columns, len(legend), int(panel * columns / (0.075 * longest + 0.6))))  # [in] of 8 pt
     height = panel * rows / 1.44 + 0.4 + 0.2 * -(-len(legend) // across)
     figure = Figure(figsize=(panel * columns, height), dpi=90, layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()

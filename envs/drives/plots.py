@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from envs.drives.metrics import wilson_interval
-from m3depth.figures.drawing import plain_label, save
+from m3depth.figures.drawing import method_styles, plain_label, save
 
 Group = tuple[str, str]
 
@@ -34,23 +34,25 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     groups = list(dict.fromkeys((r["driver"], r["perception"]) for r in results))
     conditions = list(dict.fromkeys(r["cell"].get("condition") for r in results))
     by_condition = conditions != [None]
-    for n, group in enumerate(groups):
+    for n, (group, style) in enumerate(zip(groups, method_styles(), strict=False)):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
-        label, colour = plain_label(", ".join(group)), f"C{n}"
+        label = plain_label(", ".join(group))
         aside = n - (len(groups) - 1) / 2
         if by_condition:
             pooled = pool_by(rows, "condition", conditions)
-            at = [conditions.index(condition) + 0.12 * aside for condition in pooled]
+            at = [conditions.index(condition) + min(0.12, 0.8 / len(groups)) * aside for condition in pooled]
         else:
             pooled = pool_by(rows, "k", sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0))
             at = [(k or 0.0) + 0.0008 * aside for k in pooled]
-        _bars(by_k, at, list(pooled.values()), colour, label, line=not by_condition)
+        _bars(by_k, at, list(pooled.values()), style, label, line=not by_condition)
         for by_error in others:
             scored = [r for r in rows if r["abs_rel"] is not None]
             points = [(r["success_rate"], r["episodes"]) for r in scored]
-            _bars(by_error, [r["abs_rel"] for r in scored], points, colour, label, line=False)
+            _bars(by_error, [r["abs_rel"] for r in scored], points, style, label, line=False)
             if scored and test_set and group[1] in test_set:
-                by_error.axvline(test_set[group[1]], color=colour, ls=":", label=plain_label(f"{group[1]}, test set"))
+                by_error.axvline(
+                    test_set[group[1]], color=style["color"], ls=":", label=plain_label(f"{group[1]}, test set")
+                )
     if by_condition:
         by_k.set(title="by condition")
         by_k.set_xticks(
@@ -97,11 +99,13 @@ def pool_by(rows: Sequence[dict[str, Any]], key: str, values: Sequence[Any]) -> 
     return out
 
 
-def _bars(axes: Any, x: list[float], points: list[tuple[float, int]], colour: str, label: str, line: bool) -> None:
+def _bars(
+    axes: Any, x: list[float], points: list[tuple[float, int]], style: dict[str, Any], label: str, line: bool
+) -> None:
     """Plot points (share of arrivals, number of trials) with their intervals."""
     if not points:
         return
     rate = np.array([100 * share for share, _ in points])
     ends = 100 * np.array([wilson_interval(share * trials, trials) for share, trials in points]).T
     error = np.abs(np.vstack([rate - ends[0], ends[1] - rate]))
-    axes.errorbar(x, rate, error, color=colour, label=label, fmt="o-" if line else "o", ms=4, lw=1.3, capsize=2)
+    axes.errorbar(x, rate, error, label=label, ls="-" if line else "none", ms=4, lw=1.3, capsize=2, **style)

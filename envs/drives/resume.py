@@ -6,7 +6,9 @@ import hashlib
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from envs.drives.config import EvaluateConfig
 from m3depth.estimator import EstimatorName
 from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
 from marssim.base.files.json_file import DatasetError, read_json
@@ -87,19 +89,23 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
     return joined_runtimes(records.values())
 
 
-def check_files(names: Sequence[str], noted: Mapping[str, str]) -> None:
-    """Raise DatasetError if files of drivers and perceptions are not those that the evaluation noted.
+def check_unchanged(config: EvaluateConfig, names: Sequence[str], noted: Mapping[str, Any]) -> None:
+    """Raise DatasetError if files that a drive is made from are not those that the evaluation noted.
 
     Args:
-        names: The drivers and perceptions, as envs.evaluate takes them.
-        noted: SHA-256 of the files, as noted_digests returned them.
+        config: The settings, of which a place or a suite may be a file.
+        names: The drivers and perceptions of the drive, as envs.evaluate takes them.
+        noted: "driven_with", the settings as they were noted; "weights", SHA-256 of the files of drivers and
+            perceptions, as noted_digests returned them.
     """
-    for name in names:
-        if _digest(name) != noted.get(name):
-            raise DatasetError(
-                f"{_read_from(name) or name}: on {platform.node()}, this is not the file that the drives began with; "
-                "put that one back, or choose another --out"
-            )
+    changed = [str(_read_from(name) or name) for name in names if _digest(name) != noted["weights"].get(name)]
+    if config.content() != noted["driven_with"]:
+        changed.append(str(config.suite or config.scene))
+    if changed:
+        raise DatasetError(
+            f"{changed[0]}: on {platform.node()}, this is not the file that the drives began with; put that one back, "
+            "or choose another --out"
+        )
 
 
 def check_worker(perception: str, wanted: str, expected: str | None) -> None:

@@ -28,6 +28,7 @@ UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
 METHOD_MARKERS = "osD^vPX*"
+LONGEST = 60  # characters of a label, so that a legend fits into its figure
 
 
 def method_styles() -> Iterator[dict[str, str]]:
@@ -46,8 +47,12 @@ def method_styles() -> Iterator[dict[str, str]]:
 def plain_label(label: str) -> str:
     """Return a label that matplotlib shows as it is.
 
-    It takes what is between two $ for a formula, and leaves out labels that begin with an underscore.
+    It takes what is between two $ for a formula, and leaves out labels that begin with an underscore. A label of more
+    than LONGEST characters, as with the path of a file, loses its middle.
     """
+    if len(label) > LONGEST:
+        half = LONGEST // 2
+        label = f"{label[: half - 1]}…{label[-half:]}"
     label = label.replace("$", r"\$")
     return f" {label}" if label.startswith("_") else label
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import numpy as np
 from marssim.base.dataset.marks import SETTINGS
 from marssim.base.dataset.sample import is_complete, write_sample
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.pose import ROVER_KEY
+from marssim.base.results.code_state import source_digest
 from marssim.generation.config import EGL, GenerateConfig
 from marssim.render.raw import RawRenderer
 from marssim.render.renderers.by_name import make_renderer
@@ -27,7 +29,7 @@ from marssim.scene.viewpoint import draw_pose
 RAW_DRAWS = 0x726177  # separates the noise of the raw images
 
 
-def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -> int:
+def generate_scene(config: GenerateConfig, scene_index: int, views: list[int], sources: str | None = None) -> int:
     """Render the views of one scene that are not on disk yet.
 
     Every random draw follows from (seed, scene, view), so that a view depends neither on the worker nor on the other
@@ -37,6 +39,7 @@ def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -
         config: The dataset.
         scene_index: Number of the scene, from 0.
         views: Numbers of its views.
+        sources: Digest of marssim's source files where the command runs; None if it runs here.
 
     Returns:
         The number of `views`, all of which are on disk now.
@@ -44,19 +47,37 @@ def generate_scene(config: GenerateConfig, scene_index: int, views: list[int]) -
     Raises:
         ValueError: Rocks leave a camera no place to stand.
         ImportError: The renderer's library is not installed.
-        DatasetError: The worker cannot see the folder of the dataset.
+        DatasetError: The worker cannot see the folder of the dataset, has other source files of marssim, or works on
+            after the folder was given to another dataset.
         OSError: A file could not be written. The error names it.
     """
-    if not (config.out / SETTINGS).is_file():
+    if sources is not None and source_digest(("marssim",)) != sources:
         raise DatasetError(
-            f"{config.out}: a worker cannot see this folder; --out must be a folder that all workers share"
+            f"the worker on {platform.node()} has other source files of marssim than this command; install one version "
+            "on all machines"
         )
+    _check_mark(config)
     missing = [v for v in views if not is_complete(sample_folder(config.out, scene_index, v))]
     if missing:
         _render(config, scene_index, missing)
     if config.trajectory:
         _write_trajectory(config.out, scene_index, views)
     return len(views)
+
+
+def _check_mark(config: GenerateConfig) -> None:
+    """Raise DatasetError if the folder is not marked as this dataset.
+
+    A worker of a cluster finishes its scene even where the command that sent it has ended.
+    """
+    mark = config.out / SETTINGS
+    if not mark.is_file():
+        raise DatasetError(
+            f"{config.out}: a worker cannot see this folder; --out must be a folder that all workers share"
+        )
+    settings = read_json(mark)
+    if any(settings.get(name) != value for name, value in as_json(config.content()).items()):
+        raise DatasetError(f"{mark}: is of a dataset with other settings by now; nothing more is written for this one")
 
 
 def sample_folder(out: Path, scene: int, view: int) -> Path:
@@ -169,6 +190,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
             if raw_renderer is not None:
                 noise = np.random.default_rng((config.seed, scene_index, 1 + view, RAW_DRAWS))
                 raw = raw_renderer.render(renderer, shader, pose, view_sensor, noise, rover)
+            _check_mark(config)
             write_sample(sample_folder(config.out, scene_index, view), frame, meta, raw)
     finally:
         renderer.close()

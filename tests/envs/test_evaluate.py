@@ -4,7 +4,9 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import traceback
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -495,6 +497,23 @@ def test_each_drive_has_its_own_instance_of_a_users_class(tmp_path, monkeypatch)
     flags = {**QUICK, "perception": ("remembering:Method",), "eyes": EyesConfig(image_pixels=64)}
     evaluate(EvaluateConfig(tmp_path / "out", episodes=2, seed=3, **flags))
     assert len(set(map(id, sys.modules["remembering"].first_of_each))) == 2
+
+
+def test_a_class_that_can_begin_a_drive_serves_the_drives_of_one_thread(tmp_path, monkeypatch):
+    """A worker of dask may drive in several threads at once."""
+    (tmp_path / "beginning.py").write_text(
+        "class Method:\n    def infer(self, left, right, rig): ...\n    def begin_drive(self): ...\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    there = threading.Barrier(2)
+
+    def of_thread(_):
+        there.wait(20)
+        return [envs.evaluate._perception("beginning:Method", "auto") for _ in range(2)]
+
+    with ThreadPoolExecutor(2) as pool:
+        (one, again), (other, _) = pool.map(of_thread, range(2))
+    assert one is again and one is not other
 
 
 def test_values_that_name_one_cell_are_refused(tmp_path, capsys):

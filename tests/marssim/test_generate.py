@@ -532,6 +532,31 @@ def test_a_worker_that_cannot_see_the_folder_is_reported(tmp_path):
     assert not (tmp_path / "elsewhere").exists()
 
 
+def test_a_worker_writes_nothing_more_once_the_folder_is_of_another_dataset(tmp_path, monkeypatch):
+    """A worker of a cluster finishes its scene after the command that sent it was interrupted."""
+    first = claimed(config(tmp_path / "set"))
+    write = scene_views.write_sample
+
+    def written(*given):
+        write(*given)
+        shutil.rmtree(tmp_path / "set")
+        claimed(config(tmp_path / "set", seed=6))
+
+    monkeypatch.setattr(scene_views, "write_sample", written)
+    with pytest.raises(DatasetError, match=r"generate\.json: is of a dataset with other settings by now; nothing more"):
+        generate_scene(first, 0, [0, 1])
+    assert [path.name for path in (tmp_path / "set").iterdir()] == ["generate.json"]
+
+
+def test_a_worker_with_another_marssim_writes_nothing(tmp_path):
+    whole = claimed(config(tmp_path / "set"))
+    (_, scene, views, sources), *_ = command._shared_out(replace(whole, scheduler="tcp://a:1"), [range(1)])
+    assert generate_scene(whole, scene, views, sources) == 1
+    with pytest.raises(DatasetError, match=r"the worker on .* has other source files of marssim than this command"):
+        generate_scene(whole, 0, [1], "0123456789ab")
+    assert [path.name for path in (tmp_path / "set" / "scenes" / "00000").iterdir()] == ["00"]
+
+
 def test_one_pair_is_counted_in_the_singular(tmp_path, capfd):
     assert command.main([str(a) for a in ("--out", tmp_path / "set", *FLAGS, "--pairs", 1)]) == 0
     assert capfd.readouterr().out.startswith("1 pair in ")
@@ -590,12 +615,12 @@ def test_workers_get_equal_shares(tmp_path, pairs, workers, shares):
     asked = config(tmp_path / "set", pairs=pairs, views_per_scene=8, workers=workers)
     tasks = command._shared_out(asked, command._scenes(asked))
     assert len(tasks) == shares
-    assert sorted((scene, view) for _, scene, views in tasks for view in views) == [divmod(n, 8) for n in range(pairs)]
+    assert sorted((scene, view) for _, scene, views, _ in tasks for view in views) == [divmod(n, 8) for n in range(pairs)]
 
 
 def test_a_drive_is_rendered_by_one_worker(tmp_path):
     asked = config(tmp_path / "set", pairs=8, views_per_scene=8, workers=2, trajectory=True)
-    assert [views for _, _, views in command._shared_out(asked, command._scenes(asked))] == [list(range(8))]
+    assert [views for _, _, views, _ in command._shared_out(asked, command._scenes(asked))] == [list(range(8))]
 
 
 @pytest.fixture

@@ -222,3 +222,24 @@ def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch,
     with pytest.raises(DatasetError, match=r"mine_.*.py: on .*, this is not the file that the drives began with; put"):
         evaluate(config)
     assert not list((tmp_path / "out" / "episodes").iterdir())
+
+
+def test_a_place_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch):
+    place, drives = tmp_path / "place.json", []
+    place.write_text('{"preset": "utopia", "rocks": {"k": 0.01}}')
+    config = EvaluateConfig(
+        tmp_path / "out", ("straight",), ("ground_truth",), scene=str(place), episodes=2, goal_distance=3.0,
+        dynamics="kinematic", videos=False, workers=1,
+    )  # fmt: skip
+    plain = envs.evaluate.drive
+
+    def driven(*args):
+        drives.append(plain(*args))
+        if len(drives) == 2:
+            place.write_text('{"preset": "utopia", "rocks": {"k": 0.02}}')
+        return drives[-1]
+
+    monkeypatch.setattr("envs.evaluate.drive", driven)
+    with pytest.raises(DatasetError, match=r"place\.json: on .*, this is not the file that the drives began with; put"):
+        evaluate(config)
+    assert len(list((tmp_path / "out" / "episodes").iterdir())) == 1
