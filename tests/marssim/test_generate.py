@@ -615,7 +615,9 @@ def test_workers_get_equal_shares(tmp_path, pairs, workers, shares):
     asked = config(tmp_path / "set", pairs=pairs, views_per_scene=8, workers=workers)
     tasks = command._shared_out(asked, command._scenes(asked))
     assert len(tasks) == shares
-    assert sorted((scene, view) for _, scene, views, _ in tasks for view in views) == [divmod(n, 8) for n in range(pairs)]
+    assert sorted((scene, view) for _, scene, views, _ in tasks for view in views) == [
+        divmod(n, 8) for n in range(pairs)
+    ]
 
 
 def test_a_drive_is_rendered_by_one_worker(tmp_path):
