@@ -140,7 +140,9 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
         raise ValueError(f"{test_folder}: split test holds {counted(len(test), 'pair')}; comparing needs two or more")
     for warning in padded_crops(options):
         print(f"warning: {warning}", file=sys.stderr)
-    with _folder(options, [*training, test]).claim():
+    claimed = _folder(options, [*training, test])
+    with claimed.claim(**_places(options)):
+        claimed.note(**_places(options))
         _check_earlier(runs, options)
         scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")
         print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
@@ -182,15 +184,19 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
         "minutes": options.minutes,
         "batch": options.batch,
         "crop": list(options.crop),
-        "data": [str(folder) for folder in options.data],
-        "test": str(options.test or options.data[0]),
         "sha256": [state_of_pairs(pairs) for pairs in datasets],
         "limit": options.limit,
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items()},
     }
     return ResultFolder(
-        options.out, "ablation", SETTINGS, settings, digests=("sha256",), shared=True, results_key="studies"
-    )
+        options.out, "ablation", SETTINGS, settings, notes=tuple(_places(options)), digests=("sha256",), shared=True,
+        results_key="studies",
+    )  # fmt: skip
+
+
+def _places(options: AblateOptions) -> dict[str, Any]:
+    """Return where the data lie, which the report names; the digests tell whether they are the same."""
+    return {"data": [str(folder) for folder in options.data], "test": str(options.test or options.data[0])}
 
 
 def _network(run: PlannedRun, options: AblateOptions) -> dict[str, Any]:

@@ -203,11 +203,12 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 share = waited / max(time.monotonic() - began, 1e-9)
                 log.write("train", run.step, values | times_of(run, used_before) | {"loader_share": share})
             log.progress(progress_text(run, values))
-            if time.monotonic() - saved > 60 * config.checkpoint_minutes:
+            due = validation_is_due(run)
+            if due or time.monotonic() - saved > 60 * config.checkpoint_minutes:
                 check_state(run, batch, dtype)
                 run.save()
                 saved = time.monotonic()
-            if validation_is_due(run):
+            if due and not signals:  # it may take longer than what stops the run waits; a resumed run makes up for it
                 validator.validate()
 
 

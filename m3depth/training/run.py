@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import io
 import math
 from collections.abc import Iterator
@@ -145,6 +146,7 @@ class Run:
         optimizer: AdamW.
         step: Steps taken.
         seconds: Time spent [s].
+        init_sha256: SHA-256 of the file of --init as the run began; None without one.
         changed: Settings in which a resumed run differs from the one that it continues: flags, each with both values.
     """
 
@@ -157,6 +159,7 @@ class Run:
         self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
         self.step = 0
         self.seconds = 0.0
+        self.init_sha256 = _sha256(config.init)
         self.changed: list[str] = []
 
     @property
@@ -195,6 +198,7 @@ class Run:
         """Write the averaged weights with their config, then the checkpoint, each atomically."""
         state = {
             "identity": self.identity(),
+            "init_sha256": self.init_sha256,
             "settings": self.settings(),
             "model": self.model.state_dict(),
             "averaged": self.averaged.state_dict(),
@@ -218,7 +222,9 @@ class Run:
         if not self.checkpoint.is_file():
             return False
         state = read_checkpoint(self.checkpoint, self.device)
-        identity = self.identity()
+        identity, digest = self.identity(), state.get("init_sha256")  # checkpoints of earlier versions have no digest
+        if digest is not None and digest == self.init_sha256:  # the same file, wherever it is now
+            state["identity"]["init"] = identity["init"]
         # Checkpoints of earlier versions lack some of the settings.
         if other := differences({**identity, **state["identity"]}, identity):
             raise ValueError(f"{self.checkpoint}: belongs to a run with {'; '.join(other)}; choose another --out")
@@ -233,8 +239,15 @@ class Run:
             changes = [(flag, old) for flag, old in before.items() if now.get(flag, old) != old]
             torch.set_rng_state(state["rng"].cpu())
         self.step, self.seconds = state["step"], state["seconds"]
+        self.init_sha256 = digest or self.init_sha256
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in changes]
         return True
+
+
+def _sha256(init: Path | None) -> str | None:
+    """Return the SHA-256 of a file of weights; None where there is none any more, as a resumed run does not read it."""
+    file = None if init is None else weights_file(init)
+    return None if file is None or not file.is_file() else hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _check_moments(optimizer: torch.optim.Optimizer) -> None:

@@ -121,8 +121,10 @@ def test_scored_runs_go_on_elsewhere_without_their_weights(plane_set, ablated, t
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(file, copy)
     assert len(kept) == 9
-    assert main(flags(plane_set, out, "--steps", "3", "--studies", "components")) == 0 and trained == []
+    moved = shutil.copytree(plane_set, tmp_path / "moved")
+    assert main(flags(moved, out, "--steps", "3", "--studies", "components")) == 0 and trained == []
     assert rows_of(out) == rows_of(ablated) and not (out / "components_maps.png").exists()
+    assert f"`{moved}`" in (out / "results.md").read_text()
 
 
 def test_a_killed_ablation_ends_in_the_same_figures(plane_set, ablated, tmp_path, trained, monkeypatch, capsys) -> None:

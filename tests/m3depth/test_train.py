@@ -3,6 +3,7 @@ import math
 import os
 import re
 import shlex
+import shutil
 import signal
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -22,12 +23,12 @@ from m3depth.train import main
 from m3depth.training import run as run_module
 from m3depth.training.config import TrainConfig
 from m3depth.training.log import records
-from m3depth.training.loop import backward, finer_losses, train
+from m3depth.training.loop import Validator, backward, finer_losses, one_step, train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
 from m3depth.training.messages import summary
 from m3depth.training.packing import pack
-from m3depth.training.run import Run, learning_rate
+from m3depth.training.run import Run, learning_rate, saved_progress
 from m3depth.training.samples import JoinedPairs, PackedCache, make_batch
 from m3depth.training.validation import validate
 from m3depth.weights import SHIPPED_WEIGHTS
@@ -420,6 +421,48 @@ def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, mon
     (tmp_path / "one.safetensors").unlink()  # the checkpoint holds what is left of them
     train(spelt_otherwise, plane_samples, [])
     assert Run(spelt_otherwise, torch.device("cpu")).model.config == SMALL
+
+
+def test_a_run_goes_on_where_its_folders_have_moved(plane_samples, tmp_path, monkeypatch) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    M3Depth(SMALL).save_pretrained(here / "one.safetensors")
+    for folder, steps in ((here, 1), (there, 2)):
+        monkeypatch.chdir(folder)
+        config = config_for(Path("run"), max_steps=steps, validate_samples=0, init=Path("one.safetensors"))
+        train(config, plane_samples, [])
+        if folder == here:
+            shutil.move(here, there)
+    assert records(Path("run"), "train")[-1]["step"] == 1 and saved_progress(Path("run"))[0] == 2
+    torch.manual_seed(9)
+    M3Depth(SMALL).save_pretrained("one.safetensors")
+    with pytest.raises(ValueError, match="belongs to a run with init"):
+        monkeypatch.chdir(shutil.move(there, here))
+        train(replace(config, max_steps=3), plane_samples, [])
+
+
+@pytest.mark.parametrize("ended", ["killed", "signal"])
+def test_a_validation_is_of_a_step_that_is_saved(plane_samples, tmp_path, monkeypatch, ended) -> None:
+    """What stops a run may kill it before the validation is over."""
+    config = config_for(tmp_path / "run", max_steps=4, validate_every=2, checkpoint_minutes=1e6)
+
+    def killed(validator: Validator) -> None:
+        raise SystemExit
+
+    def step_and_stop(run: Run, *given: object) -> dict[str, float]:
+        values = one_step(run, *given)
+        if run.step == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return values
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Validator, "validate", killed)
+        if ended == "signal":
+            patch.setattr("m3depth.training.loop.one_step", step_and_stop)
+        with pytest.raises(SystemExit if ended == "killed" else KeyboardInterrupt):
+            train(config, plane_samples, plane_samples)
+    assert saved_progress(config.out)[0] == 2
+    train(config, plane_samples, plane_samples)
+    assert [record["step"] for record in records(config.out, "val")] == [2, 4]
 
 
 def test_no_checkpoint_is_ahead_of_its_weights(plane_samples, tmp_path, monkeypatch) -> None:
