@@ -62,7 +62,9 @@ bench: export OMP_NUM_THREADS := $(or $(OMP_NUM_THREADS),$(shell getconf _NPROCE
 bench: install
 	$(BIN)/python -m pytest tests/benchmarks -m benchmark -s
 
+# Setuptools would take modules that were deleted since the last build from build/.
 wheel: install
+	rm -rf build
 	$(BIN)/python -m build --wheel --outdir dist .
 
 # The site, in site/: strict, and without the network once it is installed.

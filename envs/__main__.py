@@ -1,5 +1,7 @@
 """Print the commands of envs: `python -m envs`."""
 
+import sys
+
 from marssim.base.command.listing import print_commands
 
 
@@ -9,4 +11,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -11,8 +11,8 @@ import sys
 from collections.abc import Iterator
 from types import ModuleType
 
-# The maintained drop-in fork has wheels for Pythons that the original has none for.
-PACKAGE = "pybullet" if sys.version_info < (3, 12) else "pybullet-arm64"
+# The maintained drop-in fork has wheels where the original has none.
+PACKAGE = "pybullet" if sys.platform == "linux" and sys.version_info < (3, 12) else "pybullet-arm64"
 
 
 def import_pybullet() -> ModuleType:

@@ -42,11 +42,20 @@ def print_commands(package: str, args: Sequence[str] | None = None) -> int:
         args: The command line; None: sys.argv without the program.
 
     Returns:
-        The exit code, 0.
+        The exit code; see marssim.base.command.run.
     """
-    args = sys.argv[1:] if args is None else args
-    print(VERSION_LINE if VERSION_FLAG in args else command_list(package))
-    return 0
+    from marssim.base.command.run import exit_code  # which loads more than the list needs
+
+    given = sys.argv[1:] if args is None else args
+
+    def work() -> None:
+        for arg in given:
+            if arg not in (VERSION_FLAG, "--help", "-h"):
+                command = f"python -m {package}.{arg}" if arg in COMMANDS[package] else f"python -m {package}"
+                raise ValueError(f"python -m {package} {arg}: this lists the commands and runs none; try {command}")
+        print(VERSION_LINE if VERSION_FLAG in given else command_list(package))
+
+    return exit_code(work)
 
 
 def summary(package: str, command: str) -> str:

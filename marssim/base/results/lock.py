@@ -49,8 +49,13 @@ def sole_writer(folder: Path) -> Iterator[None]:
             os.write(file, f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
     finally:
-        path.unlink(missing_ok=True)  # before the lock is released: a waiting command sees this and opens a new file
-        os.close(file)
+        if fcntl is None:  # Windows deletes no open file
+            os.close(file)
+            with suppress(OSError):
+                path.unlink()
+        else:
+            path.unlink(missing_ok=True)  # before the lock is released: a waiting command sees this, opens a new file
+            os.close(file)
 
 
 def check_unused(folder: Path) -> None:

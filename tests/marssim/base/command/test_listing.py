@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from marssim.base.command.listing import COMMANDS, command_list, summary
+from marssim.base.command.listing import COMMANDS, command_list, print_commands, summary
 
 ROOT = Path(__file__).parents[4]
 
@@ -22,6 +22,24 @@ def test_python_m_lists_the_commands(package):
     assert done.returncode == 0, done.stderr
     for name in COMMANDS[package]:
         assert f"python -m {package}.{name} " in done.stdout and summary(package, name) in done.stdout
+
+
+@pytest.mark.parametrize(("given", "tried"), [("generate", "marssim.generate"), ("--pairs", "marssim")])
+def test_what_only_lists_the_commands_takes_none(capsys, given, tried):
+    assert print_commands("marssim", [given, "1"]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err == (
+        f"error: python -m marssim {given}: this lists the commands and runs none; try python -m {tried}\n"
+    )
+    assert print_commands("marssim", ["--help"]) == 0 and "marssim.generate" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_list_that_cannot_be_printed_ends_as_every_command_does():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "nav"], stdout=full, stderr=-1, text=True, cwd=ROOT)
+    assert done.returncode == 2 and done.stderr.startswith("error: stdout: ") and done.stderr.count("\n") == 1
 
 
 def test_the_list_imports_none_of_the_commands():

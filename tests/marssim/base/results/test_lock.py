@@ -35,6 +35,24 @@ def test_the_folder_is_made_and_nothing_stays(tmp_path):
     assert list(folder.iterdir()) == []
 
 
+def test_where_there_is_no_lock_no_open_file_is_deleted(tmp_path, monkeypatch):
+    """Windows has no flock, and does not delete a file that is open."""
+    monkeypatch.setattr(lock, "fcntl", None)
+    open_files, unlink = [], Path.unlink
+
+    def unlinked(path, **settings):
+        with pytest.raises(OSError):
+            os.fstat(open_files[-1])
+        unlink(path, **settings)
+
+    taken = lock._take
+    monkeypatch.setattr(lock, "_take", lambda *given: open_files.append(taken(*given)) or open_files[-1])
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    with sole_writer(tmp_path / "out"):
+        os.fstat(open_files[-1])
+    assert list((tmp_path / "out").iterdir()) == [] and len(open_files) == 1
+
+
 @needs_flock
 def test_the_error_of_a_second_writer_names_the_first(tmp_path):
     with (
