@@ -25,6 +25,7 @@ The files, in the order of the data's way:
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Sequence
 
@@ -52,9 +53,13 @@ def _work(config: TrainConfig) -> None:
     from m3depth.training.loop import train
     from m3depth.training.samples import JoinedPairs
 
-    train(
-        config, *(JoinedPairs([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS)
-    )
+    pairs = (JoinedPairs([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS)
+    try:
+        train(config, *pairs)
+    except RuntimeError as error:
+        if "LOCAL_RANK" in os.environ and re.search("gloo|NCCL", str(error)):
+            raise ConnectionError("another process of this training ended; its error is printed too") from None
+        raise
 
 
 if __name__ == "__main__":

@@ -27,9 +27,10 @@ from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, data_names, progress_text, summary
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
-from m3depth.training.samples import PackedCache, batches, check_labels, free_memory, parts_of, without_normals
+from m3depth.training.samples import PackedCache, batches, check_labels, parts_of, without_normals
 from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.signals import stop_on_signal
+from marssim.base.compute.free_memory import free_memory
 from marssim.base.results.claim import PARTIAL, ResultFolder
 
 

@@ -6,7 +6,6 @@ Every batch is a function of (seed, step, rank) alone, so that a resumed run con
 from __future__ import annotations
 
 import hashlib
-import os
 import threading
 from bisect import bisect_right
 from collections import deque
@@ -130,14 +129,6 @@ def without_normals(cache: PackedCache, samples: StereoPairs) -> list[str]:
         for part in parts_of(samples)
         if part and not any(cache[index].normal.any() for index in part[:LABELLED])
     ]
-
-
-def free_memory() -> int:
-    """Return the free main memory [bytes]; 2 GB where the system does not report it."""
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError, AttributeError):
-        return 2 << 30
 
 
 def sample_index(count: int, position: int, seed: int) -> int:

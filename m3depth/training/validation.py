@@ -20,7 +20,8 @@ from m3depth.training.curves import save_curves
 from m3depth.training.log import Log
 from m3depth.training.packing import PackedSample
 from m3depth.training.run import Run
-from m3depth.training.samples import PackedCache, free_memory
+from m3depth.training.samples import PackedCache
+from marssim.base.compute.free_memory import free_memory
 
 CURVES_SECONDS = 10.0  # least time between two drawings of a run's curves [s]; each takes half a second
 PANELS = "panels"  # folder of the image panels, in a run's folder

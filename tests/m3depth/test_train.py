@@ -423,6 +423,23 @@ def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, mon
     assert Run(spelt_otherwise, torch.device("cpu")).model.config == SMALL
 
 
+@pytest.mark.parametrize(("message", "told"), [("[gloo/pair.cc:553] Connection closed by peer", True), ("x", False)])
+def test_a_lost_process_of_torchrun_is_one_line(plane_set, tmp_path, monkeypatch, capsys, message, told) -> None:
+    def lost(*given: object) -> None:
+        raise RuntimeError(message)
+
+    monkeypatch.setenv("LOCAL_RANK", "0")
+    monkeypatch.setattr("m3depth.training.loop.train", lost)
+    monkeypatch.setattr("os._exit", lambda code: None)
+    flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--max-steps", "1"]
+    if told:
+        assert main(flags) == 2
+        assert capsys.readouterr().err == "error: another process of this training ended; its error is printed too\n"
+    else:
+        with pytest.raises(RuntimeError, match="x"):
+            main(flags)
+
+
 def test_a_run_goes_on_where_its_folders_have_moved(plane_samples, tmp_path, monkeypatch) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     M3Depth(SMALL).save_pretrained(here / "one.safetensors")
