@@ -1,5 +1,6 @@
 from decimal import Decimal
 from fractions import Fraction
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +27,16 @@ class Standing:
 
     def act(self, env, observation):
         return np.zeros(3, np.float32)
+
+
+class Wavering(Standing):
+    """A driver that gives up after two steps."""
+
+    steps = 0
+
+    def act(self, env, observation):
+        self.steps += 1
+        return super().act(env, observation) if self.steps <= 2 else Stop.NO_PATH
 
 
 @pytest.fixture(scope="module")
@@ -119,15 +130,23 @@ def test_names_of_cells():
 
 
 def test_a_driver_that_gives_up_ends_the_episode(env):
-    class Wavering(Standing):
-        steps = 0
-
-        def act(self, env, observation):
-            self.steps += 1
-            return super().act(env, observation) if self.steps <= 2 else Stop.NO_PATH
-
     record = run_episode(env, Wavering(), Cell(), 5, 0)
     assert (record.outcome, record.steps, len(record.track)) == ("no_path", 2, 3)
+
+
+def test_the_times_of_a_drive_are_those_of_a_step_and_every_look_counts(make_env, monkeypatch):
+    env = make_env(goal_distance=3.0, mast=True)
+    step = env.step
+
+    def timed(action):
+        *rest, info = step(action)
+        return *rest, {**info, "perception_seconds": 0.2}
+
+    monkeypatch.setattr(env, "step", timed)
+    monkeypatch.setattr("envs.drives.episodes.perf_counter", count(0, 0.5).__next__)
+    record = run_episode(env, Wavering(), Cell(k=0.0), 5, 0)
+    assert (record.steps, record.looks, record.blind) == (2, 3, 0)
+    assert record.step_seconds == pytest.approx(0.5) and record.perception_seconds == pytest.approx(0.2)
 
 
 def test_a_driver_may_give_up_at_once(env):

@@ -114,6 +114,11 @@ def test_summary_of_four_drives():
     assert low < 0.5 < high
 
 
+def test_a_summary_has_the_largest_tilt_the_mean_slip_and_the_energy_that_was_measured():
+    row = summarise([record(max_tilt_deg=3.0, slip=0.1, energy=20.0), record(max_tilt_deg=9.0, slip=0.3, energy=None)])
+    assert (row["max_tilt_deg"], row["slip"], row["energy"]) == (9.0, pytest.approx(0.2), 20.0)
+
+
 def test_the_best_arrived_by_the_shortest_way_and_the_worst_came_least_far():
     near, far = record("time", distance=2.0), record("collision", distance=9.0)
     long, short = record(path_length=20.0), record(path_length=11.0)

@@ -61,6 +61,15 @@ def test_way_that_the_wheels_lost_is_believed_to_be_made():
     np.testing.assert_allclose(stuck[:2, 3] - believed[:2, 3], [0.4, 0.0], atol=1e-12)
 
 
+def test_way_that_the_wheels_lost_is_believed_in_the_direction_that_is_believed():
+    odometry = Odometry(0.0, 0.5, np.random.default_rng(1))
+    for pose in straight(4.0, 0.4):
+        before = odometry.update(pose)
+    assert abs(np.arctan2(before[1, 0], before[0, 0])) > 0.1  # the heading's error
+    stuck = odometry.update(pose, np.array([0.4, 0.0]))
+    np.testing.assert_allclose(stuck[:2, 3] - before[:2, 3], 0.4 * before[:2, 0], atol=1e-12)
+
+
 def test_attitude_and_height_are_believed_as_they_are():
     odometry, pose = Odometry(0.5, 0.5, np.random.default_rng(0)), np.eye(4)
     odometry.update(pose)

@@ -57,6 +57,11 @@ def test_pairs_of_one_difficulty_cancel() -> None:
     assert [row["against_reference"]["abs_rel"]["here"] for row in report["rows"]] == pytest.approx([-1 / 3, 0, 0, 1])
 
 
+def test_an_interval_that_touches_zero_decides_nothing() -> None:
+    part = findings(STUDIES["levels"], levels([1.0, 1.5, 1.5, 3.0]))["comparisons"][1]
+    assert tuple(part["interval"]) == (0, 0) and part["verdict"] == "undecided"
+
+
 def test_views_of_a_scene_are_drawn_together() -> None:
     """Five equal views each of six scenes: the interval is that of six, not of thirty."""
     rng = np.random.default_rng(3)

@@ -36,3 +36,7 @@ def test_rows_of_a_cluster_are_drawn_together(seed: int) -> None:
     picks = np.random.default_rng(0).integers(0, len(names), (4000, len(names)))
     rows = [np.flatnonzero(np.array(clusters) == names[pick]) for pick in picks[7]]
     np.testing.assert_allclose(resampled_means(values, clusters)[7], values[np.concatenate(rows)].mean(0), atol=1e-12)
+
+
+def test_an_interval_holds_the_middle_95_percent() -> None:
+    assert interval(np.arange(1001) / 10) == pytest.approx((2.5, 97.5))

@@ -65,6 +65,11 @@ def score(prediction: Prediction, sample: StereoSample) -> dict:
     return scores.result()
 
 
+def named_terms(*maps: np.ndarray) -> dict[str, np.ndarray]:
+    """The depth terms of predicted depth and disparity, then true ones, by name."""
+    return dict(zip(DEPTH_TERMS, depth_terms(*maps).T, strict=True))
+
+
 def test_perfect_prediction_has_perfect_scores_everywhere():
     result = score(perfect(make_sample()), make_sample())
     for kind, sums in result["depth"].items():
@@ -101,12 +106,16 @@ def test_depths_scaled_by_a_factor_have_the_errors_of_that_factor(factor):
 def test_true_depth_beyond_the_cap_is_capped_too():
     """In layouts that score every known depth, a perfect prediction at 200 m has no error."""
     true = np.array([200.0, 90.0, 0.001])
-    perfect_terms = dict(zip(DEPTH_TERMS, depth_terms(true, np.ones(3), true, np.ones(3)).T, strict=True))
+    perfect_terms = named_terms(true, np.ones(3), true, np.ones(3))
     for name in ("abs_rel", "sq_rel", "rmse", "log10", "mae", "epe"):
         assert (perfect_terms[name] == 0).all()
     assert (perfect_terms["delta1"] == 1).all()
-    near = dict(zip(DEPTH_TERMS, depth_terms(np.array([40.0]), np.ones(1), true[:1], np.ones(1)).T, strict=True))
+    near = named_terms(np.array([40.0]), np.ones(1), true[:1], np.ones(1))
     assert near["abs_rel"][0] == 0.5 and near["mae"][0] == 40
+
+
+def test_a_depth_off_by_the_very_factor_of_delta1_is_not_within_it():
+    assert named_terms(np.array([5.0]), np.ones(1), np.array([4.0]), np.ones(1))["delta1"] == 0
 
 
 def test_kinds_partition_the_scored_pixels():
@@ -156,6 +165,12 @@ def test_unknown_depth_is_an_error_not_a_gap(unknown):
     assert figures["pixels"] == pixel_kinds(sample)["all"].sum()
     assert figures["pooled"]["abs_rel"] == pytest.approx(((80 - true) / true).sum() / figures["pixels"], rel=1e-6)
     assert figures["pooled"]["density"] == pytest.approx(1 - 20 / figures["pixels"])
+
+
+def test_unknown_disparity_counts_as_0_px():
+    true, unknown = np.full(3, 5.0), np.array([np.nan, np.inf, -np.inf])
+    terms = named_terms(true, unknown, true, np.full(3, 32.0))
+    assert (terms["epe"] == 32).all() and (terms["bad1"] == 1).all() and (terms["bad3"] == 1).all()
 
 
 def test_unknown_normals_count_as_180_deg():

@@ -40,6 +40,12 @@ def test_melted_rocks_are_missed_and_the_others_are_not():
     assert counts.false == []
 
 
+def test_rocks_that_are_predicted_too_low_have_a_negative_bias():
+    lower = RockWorld(domes=world().domes * [1, 1, 1, 0.8])
+    near = counted(rock_sample(world()), rock_sample(lower).depth).result()["standing_0.2_m_within_8_m"]
+    assert near["found"] == 2 and near["height_bias_m"] == -near["height_error_m"] < 0
+
+
 def test_a_rock_at_the_wrong_depth_is_not_found():
     """A third too far, its top is even higher above the ground, but no rock is at its place."""
     sample = rock_sample(world())
@@ -73,6 +79,13 @@ def test_near_sky_is_a_false_obstacle_and_far_sky_is_not():
     [(height, distance)] = false_obstacles(scene, np.where(sky, np.float32(6), sample.depth))
     assert height > 1.2 and distance == pytest.approx(6, abs=0.6)
     assert false_obstacles(scene, np.where(sky, np.float32(40), sample.depth)) == []
+
+
+def test_a_false_obstacle_beyond_15_m_of_ground_does_not_count():
+    """A sky at 14.5 m along the optical axis, which looks down by 20 deg, hangs farther away than that."""
+    sample = rock_sample(world())
+    near_sky = np.where(np.isinf(sample.depth), np.float32(14.5), sample.depth)
+    assert false_obstacles(rock_scene(sample), near_sky) == []
 
 
 @pytest.mark.parametrize("sky_id", [0, -1])

@@ -82,6 +82,18 @@ def test_the_error_map_counts_every_pixel_once():
     assert counts[-1, -1] == 1 and counts[:, -1].sum() == 2
 
 
+def test_the_interval_of_a_depth_ends_with_it(plane_samples):
+    """3 m belong to 2 m to 3 m, and 15 m to the last interval."""
+    sample = plane_samples[0]
+    depth = np.where(np.isinf(sample.depth), sample.depth, np.float32(3))
+    depth[-5] = 15
+    disparity, valid = sample.rig.depth_to_disparity(depth), np.isfinite(depth)
+    sample = replace(sample, depth=depth, disparity=disparity, valid=valid)
+    intervals = scored(sample, truth(sample))["intervals"]
+    pixels = {interval["to_m"]: interval["pixels"] for interval in intervals if interval["pixels"]}
+    assert pixels == {3: (depth == 3).sum(), 15: depth.shape[1]}
+
+
 def test_rocks_and_confidence_are_in_the_result():
     x, y = ahead(4.0, 0.0)
     sample = rock_sample(RockWorld(domes=np.array([[x, y, 0.4, 0.3]])))
@@ -95,6 +107,14 @@ def test_rocks_and_confidence_are_in_the_result():
     assert curve["bad1"][0] > 0 and curve["bad1"][-1] == pytest.approx(0, abs=1e-12)
     result = scored(sample, truth(sample))
     assert result["rocks"]["standing_0.2_m_within_8_m"]["found"] == 1 and result["sparsification"] == {}
+
+
+def test_the_curve_of_the_confidence_is_that_of_the_disparity(plane_samples):
+    sample = plane_samples[0]
+    confidence = np.where(np.arange(sample.depth.shape[1]) % 2, np.float32(0.2), np.float32(0.8))
+    wrong_depth = truth(sample, depth=1.5 * sample.depth, confidence=confidence * np.ones_like(sample.depth))
+    curve = scored(sample, wrong_depth)["sparsification"]
+    assert curve["epe"][0] == curve["bad1"][0] == 0
 
 
 def test_a_pair_reports_its_figures_by_kind_and_its_counts():

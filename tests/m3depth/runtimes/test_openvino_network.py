@@ -111,8 +111,8 @@ def test_wrong_input_is_refused_as_by_pytorch(small_network):
         fast.infer(left, right, rig, nearest=0)
     with pytest.raises(ValueError, match="max_pixels must be positive, got -1"):
         fast.infer(left, right, rig, max_pixels=-1)
-    for wrong in (right[:, :-1], right.astype(float)):
-        with pytest.raises(ValueError):
+    for wrong, message in ((right[:, :-1], "is 95 x 64,"), (right.astype(float), "must be a uint8 array")):
+        with pytest.raises(ValueError, match=f"^right image {message}"):
             fast.infer(left, wrong, rig)
 
 

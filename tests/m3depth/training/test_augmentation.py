@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from m3depth.training.augmentation import AugmentConfig, augment
+from m3depth.training.augmentation import AugmentConfig, augment, resized
+from m3depth.training.packing import pack
 
 OFF = AugmentConfig(
     contrast=1, brightness=0, gamma=0, eye_gain=0, noise=0, blur=0, grey=0, vertical=0, occlude=0, bottom=0, scale=0
@@ -137,3 +138,12 @@ def test_parts_of_the_augmentation_can_be_turned_off(plane_samples) -> None:
         eyes = augment(sample.left, sample.right, OFF, np.random.default_rng(seed))
         for eye, image in zip(eyes, (sample.left, sample.right)):
             np.testing.assert_allclose(eye, image / np.float32(255), atol=1e-6)
+
+
+def test_resizing_invents_no_disparity_between_two_surfaces(plane_samples) -> None:
+    sample = plane_samples[0]
+    height, width = sample.depth.shape
+    disparity = np.where(np.arange(width) < width // 2, 20.0, 60.0) * np.ones((height, width))
+    packed = pack(replace(sample, depth=sample.rig.disparity_to_depth(disparity), disparity=disparity))
+    larger = resized(packed, (round(1.25 * height), round(1.25 * width)))
+    assert set(np.unique(larger.disparity)) == {25, 75}

@@ -224,6 +224,22 @@ def test_sky_costs_no_normals_and_little_disparity() -> None:
     assert terms["sky"] > 5, "the decision that half the image is no sky is wrong"
 
 
+def test_pixels_of_unknown_depth_decide_nothing_about_the_sky() -> None:
+    target = make_target()
+    target.label[..., :8, :] = False
+    output = output_of(target)
+    output.sky[..., :8, :] = 20.0
+    assert total_loss(output, target, LossConfig())[1]["sky"] < 1e-3
+
+
+def test_no_disparity_is_trusted_in_the_sky_however_small() -> None:
+    target = make_target()
+    target.sky[..., :8, :], target.label[..., :8, :], target.disparity[..., :8, :] = True, False, 0
+    output = output_of(target, 0.3)
+    output.confidence[..., :8, :] = -20.0
+    assert total_loss(output, target, LossConfig())[1]["confidence"] < 1e-3
+
+
 def test_without_true_normals_depth_is_trained_alone() -> None:
     target = make_target()
     output = output_of(target)
@@ -256,16 +272,36 @@ def test_consistency_reaches_both_branches_where_it_is_asked_of_every_step(plane
         assert (moved > 0) == (inner > 0 or branch is network.aggregation)  # its context feeds the refinement
 
 
+def wall(disparity: torch.Tensor) -> Target:
+    """A wall across the view, or several behind each other, of this disparity (1, 1, 64, 96)."""
+    camera = torch.tensor([[60.0, 60.0, 47.5, 31.5]])
+    normal = torch.tensor([0.0, 0.0, -1.0])[:, None, None].expand(1, 3, 64, 96)
+    no = torch.zeros_like(disparity, dtype=torch.bool)
+    return Target(disparity, normal, ~no, no, no, no, no, camera, torch.tensor([0.27]))
+
+
+def true_but_on_one_grid(target: Target, cell: int, disparity: torch.Tensor) -> StereoOutput:
+    """The truth as the last maps, and another disparity (1, 1, 64, 96) on the grid of 4 or 8 px, if `cell` is one."""
+    maps = disparity[..., ::cell, ::cell], target.normal[..., ::cell, ::cell]
+    logits = torch.zeros_like(disparity)
+    return StereoOutput(
+        target.disparity, target.normal, logits, logits, maps if cell == 8 else None, [maps] if cell == 4 else []
+    )
+
+
 @pytest.mark.parametrize("cell", [1, 4, 8])
 def test_true_maps_are_consistent_beside_a_silhouette_on_every_grid(cell: int) -> None:
     """A wall before another one: the step between them is no slope."""
-    camera = torch.tensor([[60.0, 60.0, 47.5, 31.5]])
     disparity = torch.full((1, 1, 64, 96), 20.0)
     disparity[..., 40:] = 60.0
-    normal = torch.tensor([0.0, 0.0, -1.0])[:, None, None].expand(1, 3, 64, 96)
-    no = torch.zeros_like(disparity, dtype=torch.bool)
-    target = Target(disparity, normal, ~no, no, no, no, no, camera, torch.tensor([0.27]))
-    maps = disparity[..., ::cell, ::cell], normal[..., ::cell, ::cell]
-    logits = torch.zeros_like(disparity)
-    at_once = StereoOutput(disparity, normal, logits, logits, maps if cell == 8 else None, [maps] if cell == 4 else [])
-    assert float(total_loss(at_once, target, LossConfig())[1]["consistency"]) == 0
+    target = wall(disparity)
+    output = true_but_on_one_grid(target, cell, disparity)
+    assert float(total_loss(output, target, LossConfig())[1]["consistency"]) == 0
+
+
+@pytest.mark.parametrize("cell", [4, 8])
+def test_a_slope_that_no_normals_explain_costs_the_same_on_every_grid(cell: int) -> None:
+    target = wall(torch.full((1, 1, 64, 96), 20.0))
+    output = true_but_on_one_grid(target, cell, target.disparity + 0.2 * torch.arange(96))
+    cost = total_loss(output, target, LossConfig(decay=0.5, initial=0.5, consistent_steps=1))[1]["consistency"]
+    assert float(cost) == pytest.approx(0.5 * (0.2 - 0.05 / 2), rel=1e-3)  # Huber's, over 0.05

@@ -1,5 +1,6 @@
 """A checkpoint that is damaged or forged is named in one line, before the run changes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -80,3 +81,15 @@ def test_the_settings_of_the_optimizer_are_those_of_the_command(run):
 
 def test_the_progress_of_a_run_is_read_from_its_checkpoint(run, tmp_path):
     assert saved_progress(tmp_path) == (1, 2.5) and saved_progress(tmp_path / "none") == (0, 0.0)
+
+
+@pytest.mark.parametrize(("step", "share"), [(0, 0.9), (10**6, 0.01)])
+def test_the_average_moves_towards_the_weights_fast_at_first_and_slowly_later(run, step, share):
+    run.config, run.step = replace(run.config, ema=0.99), step
+    before = [average.clone() for average in run.averaged.parameters()]
+    with torch.no_grad():
+        for weight, average in zip(run.model.parameters(), before, strict=True):
+            weight.copy_(average + 1)
+    run.average()
+    for average, then in zip(run.averaged.parameters(), before, strict=True):
+        torch.testing.assert_close(average - then, torch.full_like(then, share), atol=1e-4, rtol=1e-3)

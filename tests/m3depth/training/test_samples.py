@@ -8,7 +8,7 @@ import torch
 from m3depth.training.augmentation import AugmentConfig, crop, random_crop, resized
 from m3depth.training.batch import whole_batch
 from m3depth.training.losses import consistency_residual
-from m3depth.training.packing import TRAINED, pack, reduction_of
+from m3depth.training.packing import SCORED, TRAINED, pack, reduction_of
 from m3depth.training.samples import JoinedPairs, PackedCache, batches, check_labels, make_batch, sample_index
 from marssim.base.camera import NATECAM
 
@@ -127,11 +127,12 @@ def test_resized_pairs_are_those_of_the_resized_camera(plane_samples, size) -> N
     assert error.mean() < 0.5 * other.mean()
 
 
-def test_enlarged_pixels_out_of_reach_are_not_trained(plane_samples) -> None:
+def test_enlarged_pixels_out_of_reach_are_neither_trained_nor_scored(plane_samples) -> None:
     sample = plane_samples[0]
     depth = np.full_like(sample.depth, sample.rig.fb / 180)
     near = pack(replace(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth)))
     assert (near.flags & TRAINED).all() and not (resized(near, (80, 120)).flags & TRAINED).any()
+    assert (near.flags & SCORED).any() and not (resized(near, (80, 120)).flags & SCORED).any()
     assert (resized(near, (60, 90)).flags & TRAINED).all()
 
 

@@ -12,14 +12,16 @@ from small_network import SMALL
 from m3depth.datasets.open import open_pairs
 from m3depth.figures.pairs import COLUMNS, NORMAL_COLUMNS
 from m3depth.network import model as model_module
+from m3depth.network.model import M3Depth
 from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import spread
 from m3depth.training.batch import Target
 from m3depth.training.config import TrainConfig
 from m3depth.training.log import Log
+from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.samples import JoinedPairs
-from m3depth.training.validation import PANEL_PAIRS, Validator, error_sums
+from m3depth.training.validation import PANEL_PAIRS, Validator, error_sums, validate
 
 SHAPE = (1, 1, 8, 12)
 
@@ -50,6 +52,31 @@ def test_edges_of_sparse_truth_are_those_between_labelled_pixels() -> None:
     sums = error_sums(output_of(disparity + 0.5, target_of(disparity, everywhere)), target_of(disparity, everywhere))
     assert sums["edge_epe"] == (0.5 * 2 * SHAPE[2], 2 * SHAPE[2])  # both sides of the step
     assert sums["abs_rel"][0] == pytest.approx(SHAPE[2] * 6 * (1 - 20 / 20.5 + 1 - 40 / 40.5), rel=1e-4)
+
+
+def test_normals_are_scored_where_the_true_ones_are_known() -> None:
+    target = target_of(torch.full(SHAPE, 20.0), torch.ones(SHAPE, dtype=torch.bool))
+    normal = target.normal.clone()
+    normal[..., :5] = 0
+    total, count = error_sums(output_of(target.disparity, target), target._replace(normal=normal))["normal"]
+    assert total == pytest.approx(0, abs=0.1) and count == SHAPE[2] * (SHAPE[3] - 5)
+
+
+def test_ground_taken_for_sky_is_counted_over_the_ground_and_missed_sky_over_the_sky() -> None:
+    label = torch.ones(SHAPE, dtype=torch.bool)
+    label[..., :2, :] = False
+    target = target_of(torch.full(SHAPE, 20.0), label)._replace(sky=~label)
+    output = output_of(target.disparity, target)
+    output.sky[..., [0, 2], :] = 5.0  # a row of the sky, and one of the ground
+    sums = error_sums(output, target)
+    assert sums["false_sky"] == (SHAPE[3], 6 * SHAPE[3]) and sums["sky_missed"] == (SHAPE[3], 2 * SHAPE[3])
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_a_validated_network_is_trained_on_if_it_was_trained(plane_samples, training) -> None:
+    network = M3Depth(SMALL).train(training)
+    validate(network, [pack(plane_samples[0])], torch.device("cpu"))
+    assert network.training == training
 
 
 def test_the_panel_names_its_pairs_and_has_their_scales(plane_set, tmp_path, monkeypatch, drawn_figures) -> None:

@@ -26,9 +26,18 @@ def test_unprojected_pixels_project_back(pixel, depth):
     assert point[2] == depth
 
 
+def test_points_behind_the_camera_and_in_its_plane_have_no_pixel():
+    assert np.isnan(NATECAM.camera.project(np.array([[0.1, 0.2, -1.0], [0.1, 0.2, 0.0]]))).all()
+
+
 @given(positive)
 def test_disparity_and_depth_are_inverse(depth):
     assert NATECAM.disparity_to_depth(NATECAM.depth_to_disparity(np.array(depth))) == pytest.approx(depth)
+
+
+def test_disparity_follows_from_the_focal_length_along_the_rows():
+    rig = StereoRig(PinholeCamera(64, 48, 500.0, 400.0, 31.5, 23.5), baseline=0.2)
+    assert rig.disparity_to_depth(np.array(10.0)) == rig.depth_to_disparity(np.array(10.0)) == 10
 
 
 @given(pixels, positive)

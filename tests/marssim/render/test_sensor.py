@@ -206,6 +206,13 @@ def test_every_fault_changes_both_images_and_follows_the_seed(name):
         assert (pairs[0][eye] != pairs[1][eye]).mean() > 0.001
 
 
+def test_each_eye_has_hot_pixels_of_its_own():
+    sensor = replace(CLEAN, hot_pixels=2e4, seed=3)
+    images = sensor.expose_pair(flat(0.1), flat(0.1), np.ones((160, 160), bool), np.random.default_rng(0))
+    left, right = (image[..., 0] > np.median(image) + 5 for image in images)
+    assert left.any() and right.any() and (left & right).sum() < 0.1 * left.sum()
+
+
 def test_a_pair_without_faults_is_each_eye_exposed_alone():
     sensor = replace(CLEAN, full_well=6000.0, read_noise=9.0, psf=0.4, gain_difference=0.1, noise_difference=0.2)
     ground, left, right = np.ones((96, 96), bool), scene(), scene()[:, ::-1]

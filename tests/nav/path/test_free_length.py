@@ -50,6 +50,22 @@ def test_unseen_ground_ends_an_arc():
     assert free_length(poses, 0.2, elevation, ground, ZHURONG, CONFIG)[0] <= 2.2
 
 
+def test_unseen_ground_has_a_margin_of_its_own():
+    elevation, ground = flat_map_with_rocks(seen=lambda x, y: x < 3.0)
+    poses = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 4.01, 0.1))
+    plain, dark, wide = (
+        free_length(poses, 0.1, elevation, ground, ZHURONG, PlannerConfig(margin=margin, dark_margin=dark_margin))[0]
+        for margin, dark_margin in ((0.08, 0.0), (0.08, 0.5), (0.5, 0.0))
+    )
+    assert plain - dark == pytest.approx(0.5, abs=0.11) and wide == plain
+
+
+def test_ground_behind_an_obstacle_is_not_free_again():
+    elevation, ground = flat_map_with_rocks([(2.6, 0.0, 0.25)])
+    poses = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 7.01, 0.2))
+    assert free_length(poses, 0.2, elevation, ground, ZHURONG, CONFIG)[0] <= 2.35 - 0.8
+
+
 def test_a_rover_beside_a_rock_may_leave_but_not_come_nearer():
     elevation, ground = flat_map_with_rocks([(1.1, 0.0, 0.25)])
     ahead = arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 2.01, 0.2))

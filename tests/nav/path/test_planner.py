@@ -74,6 +74,21 @@ def test_a_motion_costs_what_the_ground_on_the_whole_way_does():
         assert motion.cost == pytest.approx(7.0 * (1 + cost), rel=0.03)
 
 
+@pytest.mark.parametrize(("axis", "dear"), [("x", 5.0), ("y", 0.0)])
+def test_a_motion_costs_what_the_ground_under_it_does(axis, dear):
+    """Ground beyond 0.4 m along an axis costs 5 a metre: the way straight on, along x, meets it or runs beside it."""
+    elevation, ground = flat_map_with_rocks()
+    at = dict(zip("xy", np.meshgrid(*elevation.centres()), strict=True))
+    ground = replace(ground, cost=np.where(at[axis] > 0.4, np.float32(5), np.float32(0)))
+    planner, goal = Planner(ZHURONG, CONFIG, elevation), np.array([7.0, 0.0])
+    planner.update(elevation, ground, goal)
+    planner.plan(elevation, ground, np.zeros(3), goal)
+    compared = planner.considered
+    straight = np.argmin(np.abs(compared.curvature) + np.abs(compared.turn))
+    cost, end = compared.parts["ground"][straight], compared.end[straight]
+    assert end > 1 and cost == pytest.approx(dear * (end - 0.4), abs=0.2 * dear + 1e-4)
+
+
 def test_departing_from_the_last_curvature_costs():
     assert chosen((7.0, 0.05), before=0.5).cost > chosen((7.0, 0.05)).cost
     steady, torn = (chosen((7.0, 0.05), before=0.5, change_cost=cost, turn_start_cost=1000.0) for cost in (0.0, 20.0))

@@ -35,3 +35,9 @@ def test_the_stance_is_unknown_with_a_wheel_on_unseen_ground():
     place = StanceModel(elevation, ZHURONG).at(np.array([[0.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
     np.testing.assert_array_equal(place.tilt, 0)
     assert np.isinf(place.clearance[[0, 2]]).all() and np.isfinite(place.clearance[1])
+
+
+def test_the_stance_is_unknown_with_a_wheel_beyond_the_map():
+    level = map_of_height(lambda x, y: 0 * x)  # to x = 8 m
+    place = StanceModel(level, ZHURONG).at(np.array([[7.6, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert np.isinf(place.clearance[0]) and np.isfinite(place.clearance[1])

@@ -43,9 +43,10 @@ def test_ledges_are_as_high_as_asked_for_and_end_in_the_hill():
 
 
 def test_fallen_blocks_lie_in_front():
-    for ledge, fallen in zip(*drawn(3)):
-        if len(fallen) > 3:
-            assert np.median(fallen.middle[:, 1]) < np.median(ledge.middle[:, 1])
+    ledges, blocks = drawn(3)
+    assert len(ledges) > 5 and min(map(len, blocks)) >= 3
+    for ledge, fallen in zip(ledges, blocks, strict=True):
+        assert np.median(fallen.middle[:, 1]) < np.median(ledge.middle[:, 1])
 
 
 def test_ledges_also_stand_on_level_ground():

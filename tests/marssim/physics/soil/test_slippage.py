@@ -1,0 +1,26 @@
+import numpy as np
+import pytest
+
+from marssim.physics.soil.slippage import DRIVE_FRICTION, EFFICIENCY, Slippage
+from marssim.physics.soil.traction import Balance
+
+RADIUS, SPEED, SECONDS = 0.15, 0.2, 2.0
+
+
+def energy(torque):
+    """Energy [J] of six wheels that roll ahead without slip under a torque [N m]."""
+    ahead, none = np.tile([SPEED, 0.0], (6, 1)), np.zeros(6)
+    slippage = Slippage()
+    slippage.add(
+        Balance(
+            motion=np.array([SPEED, 0, 0]), rims=ahead, slip=none, force=0 * ahead, torque=np.full(6, torque),
+            sinkage=none, hub_velocities=ahead,
+        ), RADIUS, SECONDS, np.array([SPEED * SECONDS, 0]),
+    )  # fmt: skip
+    return slippage.energy
+
+
+@pytest.mark.parametrize(("torque", "paid"), [(30.0, 30.0), (0.0, 0.0), (-30.0, 0.0)])
+def test_driving_costs_its_torque_and_braking_gives_nothing_back(torque, paid):
+    work = 6 * (paid + DRIVE_FRICTION) * SPEED / RADIUS * SECONDS
+    assert energy(torque) == pytest.approx(work / EFFICIENCY)
