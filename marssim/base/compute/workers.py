@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import multiprocessing
 import os
 import pickle
@@ -237,6 +238,22 @@ async def _check_address(address: str) -> None:
     await connection.close()
 
 
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Keep a logger from printing the traceback of a lost connection, which ends a command in one line.
+
+    Args:
+        name: Name of the logger.
+    """
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
 def _on_cluster(
     function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], address: str
 ) -> None:
@@ -252,7 +269,7 @@ def _on_cluster(
         raise OSError(f"--scheduler {address}: no scheduler answers within {ANSWER_WITHIN:g} s") from None
     except Exception as error:  # each kind of address (tcp, tls, ws, ...) has its own exceptions
         raise OSError(f"--scheduler {address}: {error}; expected one like tcp://host:8786") from None
-    with client, client.get_executor(pure=False) as executor:
+    with _silent("distributed.client"), client, client.get_executor(pure=False) as executor:
         running = {executor.submit(_one_thread, function, task): task for task in tasks}
         try:
             while running:

@@ -1,3 +1,4 @@
+import logging
 import os
 import signal
 import socket
@@ -222,6 +223,17 @@ def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ImportError, match=r"mars-m3depth\[cluster\]"):
         run_tasks(slow_square, [(1,)], print, scheduler="tcp://127.0.0.1:1")
+
+
+def test_a_client_does_not_print_the_traceback_of_a_lost_connection(cluster, caplog):
+    """An error of one line tells of it."""
+    client = logging.getLogger("distributed.client")
+    caplog.set_level(logging.ERROR, "distributed.client")
+    run_tasks(slow_square, [(1,)], lambda *_: client.error("lost"), scheduler=cluster)
+    client.error("of the program that goes on")
+    assert [record.message for record in caplog.records if record.name == client.name] == [
+        "of the program that goes on"
+    ]
 
 
 def test_a_cluster_whose_workers_die_is_an_error(monkeypatch):
