@@ -30,7 +30,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, check_unchanged, check_worker, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, Noted, check_worker, noted_digests, noted_runtime, unchanged
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -97,9 +97,9 @@ def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: di
     missing = [task for task in tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
     _run(config, missing, driven_by)
     content, records = write_results(config, driven_by, test_errors)
-    _film(config, tasks, records)
+    _film(config, tasks, records, driven_by)
     write_results_page(config.out, content, records, [task.file for task in tasks])  # again, with the films
-    _write_bags(config, tasks, records)
+    _write_bags(config, tasks, records, driven_by)
     return content
 
 
@@ -110,7 +110,7 @@ def write_results(
 
     Args:
         config: The settings.
-        driven_by: Settings, digests of weights and code, and the runtime, as results.json has them.
+        driven_by: Settings, digests of the files of methods, and the runtime, as results.json has them.
         test_errors: Abs Rel of perceptions on their test set.
 
     Returns:
@@ -162,7 +162,7 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
     ]  # fmt: skip
 
 
-def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
+def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord], drove: Noted) -> None:
     """Make the films that are asked for and missing; tasks: those of the records, in their order."""
     films = _films(config, tasks, records)
     noted = config.out / FILMED
@@ -183,7 +183,8 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
             with written_atomically(path) as part:
                 shutil.copy(config.out / same[0], part)
         else:
-            _film_drive(config, task, path, f"filming {words}", records[n].steps)
+            with unchanged(config, (task.driver, task.perception), drove):
+                _film_drive(config, task, path, f"filming {words}", records[n].steps)
         filmed[name] = task.file
         write_json(noted, filmed)
 
@@ -226,7 +227,7 @@ def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: s
         drive(config, task, watch)
 
 
-def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord]) -> None:
+def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord], drove: Noted) -> None:
     """Drive the courses of --bag-courses again and write their bags, those that are missing."""
     for task, record in zip(tasks, records, strict=True):
         path = _bag_path(config.out, task)
@@ -239,7 +240,8 @@ def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence
                 bag.watch(env, driver, step)
                 bar.update()
 
-            bag.end(drive(config, task, watch).outcome)
+            with unchanged(config, (task.driver, task.perception), drove):
+                bag.end(drive(config, task, watch).outcome)
 
 
 def _delete_films_and_bag(out: Path, task: Task) -> None:
@@ -305,13 +307,12 @@ def drive_recorded(
         config: The settings.
         task: The episode.
         runtime: What must run its perception, see resume.check_worker.
-        driven_by: Settings, and digests of the files of drivers and perceptions, see resume.check_unchanged.
+        driven_by: Settings, and digests of the files of drivers and perceptions, see resume.unchanged.
     """
     check_worker(task.perception, config.runtime, runtime)
-    check_unchanged(config, (task.driver, task.perception), driven_by)
     recorder = None if config.record == "none" else Recorder(_step_lines(config, task))
-    record = drive(config, task, None if recorder is None else recorder.watch)
-    check_unchanged(config, (task.driver, task.perception), driven_by)
+    with unchanged(config, (task.driver, task.perception), driven_by):
+        record = drive(config, task, None if recorder is None else recorder.watch)
     if recorder is None:
         return record, None
     record = replace(record, cause=recorder.cause)

@@ -33,6 +33,7 @@ from m3depth.datasets.config import Split
 from m3depth.training.config import TrainConfig, recipe_defaults
 from marssim.base.command.run import run_command
 
+LOST = "Connection (closed|reset)|Broken pipe|remote process exited"  # in errors of collectives, of a lost process
 SPLITS: tuple[Split, Split] = ("train", "val")
 USAGE = (__doc__ or "").partition("\nThe files, ")[0]  # the description that --help prints
 
@@ -57,8 +58,9 @@ def _work(config: TrainConfig) -> None:
     try:
         train(config, *pairs)
     except RuntimeError as error:
-        if "LOCAL_RANK" in os.environ and re.search("gloo|NCCL", str(error)):
-            raise ConnectionError("another process of this training ended; its error is printed too") from None
+        reason = str(error).partition("\n")[0]
+        if "LOCAL_RANK" in os.environ and re.search(LOST, reason):
+            raise ConnectionError(f"another process of this training has ended, see its own error: {reason}") from None
         raise
 
 

@@ -38,7 +38,7 @@ from marssim.engines.egl import draws_on_a_card, probe
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.generation.contact_sheet import contact_sheet
-from marssim.generation.scene_views import draw_drive, draw_scene, draw_view, generate_scene
+from marssim.generation.scene_views import MARK_NOTES, draw_drive, draw_scene, draw_view, generate_scene
 from marssim.inspection.integrity import CALIBRATION, check_written
 from marssim.render.raw import RawRenderer
 from marssim.scene.presets import PRESETS, preset
@@ -203,7 +203,7 @@ def _folder(config: GenerateConfig) -> ResultFolder:
         "dataset",
         mark=SETTINGS,
         settings=as_json(config.content()),
-        notes=("command",),
+        notes=MARK_NOTES,
         flags=False,
         check_place=check_around,
         partial=(".*.part", f"{CALIBRATION}/.*.part", "scenes/*/.*"),

@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 
 from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_in_words, correlation_of
 from envs.drives.metrics import FEWEST_COURSES
-from m3depth.figures.drawing import method_styles, plain_label, save
+from m3depth.figures.drawing import legend_labels, method_styles, plain_label, save
 
 SPREAD = 0.7  # of the height of a condition, over which its methods lie
 LABELLED = 10  # dots of a panel that are labelled with their condition, if there is room: those of the lowest scores
@@ -41,6 +41,7 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     figure = Figure(figsize=(13.0, height + 1.2), dpi=110, layout="constrained")
     panels = figure.subplots(1, 2 if len(methods) == 1 else 4, sharey=True)
     styles = dict(zip(methods, method_styles(), strict=False))
+    named = dict(zip(methods, legend_labels(methods), strict=True))
     for n, method in enumerate(methods):
         of_method = [row for row in rows if row["method"] == method]
         aside = SPREAD * ((n + 0.5) / len(methods) - 0.5)
@@ -59,8 +60,7 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             low, high = scale * np.array([each or (np.nan, np.nan) for each in ends]).T
             error = np.abs(np.vstack([middle - low, high - middle]))
             axes.errorbar(
-                middle, at, xerr=error, ls="none", ms=3.5, lw=1.2, capsize=1.5, label=plain_label(method),
-                **styles[method],
+                middle, at, xerr=error, ls="none", ms=3.5, lw=1.2, capsize=1.5, label=named[method], **styles[method],
             )  # fmt: skip
     panels[0].set(xlabel="success [%]", xlim=(-4, 104))
     panels[1].set(xlabel="SPL", xlim=(-0.04, 1.04))
@@ -98,7 +98,9 @@ def plot_depth_metrics(
         correlations: Of envs.comparison.depth_metrics.correlate, not empty.
     """
     shown = [name for name in METRICS if any(row["metric"] == name for row in correlations)]
-    styles = dict(zip(dict.fromkeys(dot["method"] for dot in dots), method_styles(), strict=False))
+    methods = list(dict.fromkeys(dot["method"] for dot in dots))
+    styles = dict(zip(methods, method_styles(), strict=False))
+    named = dict(zip(methods, legend_labels(methods), strict=True))
     figure = Figure(figsize=(4.4 * len(shown) + 0.6, 7.4), dpi=110, layout="constrained")
     panels = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False)
     for row, (score, (words, scale)) in zip(panels, SCORES.items(), strict=True):
@@ -107,7 +109,7 @@ def plot_depth_metrics(
             for method, style in styles.items():
                 if of_method := [dot for dot in with_metric if dot["method"] == method]:
                     x, y = (np.array([dot[name] for dot in of_method]) for name in (metric, score))
-                    axes.plot(x, scale * y, ls="none", ms=DOT_SIZE, alpha=0.8, label=plain_label(method), **style)
+                    axes.plot(x, scale * y, ls="none", ms=DOT_SIZE, alpha=0.8, label=named[method], **style)
             axes.set_title(_correlation_in_words(correlation_of(correlations, score, metric)), fontsize=8)
             axes.grid(alpha=0.3)
             if METRICS[metric].logarithmic and min(dot[metric] for dot in with_metric) > 0:

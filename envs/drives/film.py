@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -14,9 +16,10 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.mars_nav import MarsNavEnv
 from envs.world.outside_view import HEIGHT, OutsideView
-from envs.world.referee import DRIVING
+from envs.world.referee import DRIVING, GOAL_ASTRAY
 from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
 from marssim.base.images.video_file import written_video
+from marssim.base.rover_spec import RoverSpec
 from marssim.physics.state import RoverState
 from nav.ground.map_files import UNKNOWN_COLOUR, class_colours
 from nav.navigator import Navigator
@@ -27,7 +30,6 @@ MAP_METRES = 24.0  # [m] side of the map
 SCALE_BAR = 5.0  # [m] length of the map's scale
 MAP_TITLE = "map: yellow costly, orange too near, red blocked"
 GOAL_COLOUR = (80, 200, 255)
-ASTRAY = 0.1  # [m] between the goal and where the odometry takes it to be, from which both are drawn
 TEXT = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 240), 1, cv2.LINE_AA  # font, size, colour, weight
 FPS = 5  # frames a second
 LAST_FRAMES = 2 * FPS  # frames that show how a drive ended
@@ -35,20 +37,19 @@ STILL_EVERY = 10  # steps between two stills
 
 
 @dataclass(frozen=True)
-class _Moment:
-    """What a step shows before the driver has decided on it."""
+class _Step:
+    """What a frame shows before the driver has decided."""
 
-    env: MarsNavEnv
-    driver: Driver
     step: int
-    pose: np.ndarray
-    """(4, 4) true pose."""
-    believed_pose: np.ndarray
-    """(4, 4) pose by the odometry."""
+    """Number of the step."""
+    ground: Callable[[], np.ndarray]
+    """Draws the map as the driver knows it when it is called."""
     panels: list[np.ndarray]
     """The view from outside and the titled pictures of the last look: left eye, depth, normals."""
     lines: list[str]
     """What stands on the view from outside, but for the command: title, motion, contact, ending."""
+    frames: int
+    """How many frames show it."""
 
 
 class Film:
@@ -81,7 +82,7 @@ class Film:
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None
         self._looked = 0  # step of the last look
-        self._moment: _Moment | None = None
+        self._pending: _Step | None = None
 
     def __enter__(self) -> Film:
         return self
@@ -90,7 +91,7 @@ class Film:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         if error is None:
-            self._write_moment()
+            self.close()
         self._file.__exit__(kind, error, traceback)
 
     def close(self) -> None:
@@ -99,8 +100,8 @@ class Film:
         Raises:
             OSError: If the file cannot be written whole.
         """
-        self._write_moment()
-        self._file.close()
+        with self._file:  # closed even if the last frame cannot be written
+            self._write_pending("")
 
     def watch(self, env: MarsNavEnv, driver: Driver, step: int) -> None:
         """Film one step of an episode.
@@ -111,7 +112,8 @@ class Film:
             step: Number of the step.
         """
         assert env.course is not None and env.vehicle is not None and env.sight is not None
-        self._write_moment()
+        if self._pending is not None:
+            self._write_pending(_command(env, driver, gave_up=step == self._pending.step))
         if env.gaze.fresh:
             self._looked = step
         if self._view is None or self._view.scene is not env.course.scene:
@@ -136,44 +138,53 @@ class Film:
         ]
         motion = f"step {step}   {_motion(state)}   goal {distance:.1f} m"
         lines = [self.title, motion, _contact(env), _ending(env, driver)]
-        self._moment = _Moment(env, driver, step, state.pose, env.believed_pose, panels, lines)
-        if env.outcome != DRIVING:
-            self._write_moment(LAST_FRAMES)
+        ground = partial(navigator_map, driver, env.rover_spec, env.course.goal[:2], state.pose, env.believed_pose)
+        ended = env.outcome != DRIVING
+        self._pending = _Step(step, partial(_titled_map, driver, ground), panels, lines, LAST_FRAMES if ended else 1)
+        if ended:
+            self._write_pending("")
 
-    def _write_moment(self, frames: int = 1) -> None:
-        """Write the step that was watched last, once; what is decided at the end of a drive is the step before."""
-        moment, self._moment = self._moment, None
-        if moment is None:
+    def _write_pending(self, command: str) -> None:
+        """Write the step that was watched last, if it is not written yet.
+
+        Args:
+            command: What the driver decided in it; "" if nothing.
+        """
+        pending, self._pending = self._pending, None
+        if pending is None:
             return
-        env, driver, (title, motion, contact, ending) = moment.env, moment.driver, moment.lines
-        command = contact if ending else f"{_command(env, driver)}   {contact}"
-        outside, left, depth, normal = moment.panels
-        ground = navigator_map(env, driver, moment.pose, moment.believed_pose)
-        top = [_titled(outside, title, motion, command, ending), left]
-        bottom = [depth, normal, _titled(ground, MAP_TITLE if _navigator(driver) else "map: this driver keeps none")]
-        frame = np.vstack([np.hstack(top), np.hstack(bottom)])
-        for _ in range(frames):
+        outside, left, depth, normal = pending.panels
+        title, motion, contact, ending = pending.lines
+        top = [_titled(outside, title, motion, f"{command}   {contact}" if command else contact, ending), left]
+        frame = np.vstack([np.hstack(top), np.hstack([depth, normal, pending.ground()])])
+        for _ in range(pending.frames):
             self._write(np.ascontiguousarray(frame[..., ::-1]))
-        if moment.step % STILL_EVERY == 0:
+        if pending.step % STILL_EVERY == 0:
             self.stills.append(frame)
 
 
-def navigator_map(env: MarsNavEnv, driver: Driver, pose: np.ndarray, believed_pose: np.ndarray) -> np.ndarray:
+def _titled_map(driver: Driver, ground: Callable[[], np.ndarray]) -> np.ndarray:
+    return _titled(ground(), MAP_TITLE if _navigator(driver) else "map: this driver keeps none")
+
+
+def navigator_map(
+    driver: Driver, spec: RoverSpec, believed_goal: np.ndarray, pose: np.ndarray, believed_pose: np.ndarray
+) -> np.ndarray:
     """Return a map around the rover, north up: the navigator's ground, its far path and the goal.
 
     Everything is drawn at the believed pose, as the map is made from the odometry's poses. Where that is wrong, the
     place that it takes for the goal is drawn as well.
 
     Args:
-        env: The environment.
         driver: The driver; the map stays grey if it is no NavigatorDriver.
+        spec: The rover.
+        believed_goal: (2,) goal [m], where the driver drives to by its odometry.
         pose: (4, 4) true pose of the rover.
         believed_pose: (4, 4) its pose by the odometry.
 
     Returns:
         (PANEL, PANEL, 3) uint8.
     """
-    assert env.course is not None
     scale = PANEL / MAP_METRES
     canvas = np.full((PANEL, PANEL, 3), UNKNOWN_COLOUR, np.uint8)
     middle, yaw = believed_pose[:2, 3], np.arctan2(believed_pose[1, 0], believed_pose[0, 0])
@@ -191,9 +202,8 @@ def navigator_map(env: MarsNavEnv, driver: Driver, pose: np.ndarray, believed_po
         canvas[inside] = class_colours(navigator.map, navigator.ground)[r, c][inside]
         for xy in navigator.planner.field.path(middle, MAP_METRES):
             cv2.circle(canvas, pixel(xy), 1, (240, 240, 240), -1, cv2.LINE_AA)
-    believed_goal = env.course.goal[:2]
     goal = _moved(believed_goal, pose, believed_pose)
-    both = bool(np.hypot(*(goal - believed_goal)) > ASTRAY)
+    both = bool(np.hypot(*(goal - believed_goal)) > GOAL_ASTRAY)
     places = [(believed_goal, 1, "goal by odometry", -12), (goal, 2, "goal", 21)] if both else [(goal, 2, "", 0)]
     for place, width, name, below in places:
         column, row = (int(np.clip(v, 8, PANEL - 8)) for v in pixel(place))
@@ -203,7 +213,7 @@ def navigator_map(env: MarsNavEnv, driver: Driver, pose: np.ndarray, believed_po
         for colour, weight in (((18, 18, 20), 3), TEXT[2:4]):
             cv2.putText(canvas, name, corner, *TEXT[:2], colour, weight, cv2.LINE_AA)
     c, s = np.cos(yaw), np.sin(yaw)
-    corners = [pixel(corner) for corner in footprint_corners(env.rover_spec, (*middle, yaw))]
+    corners = [pixel(corner) for corner in footprint_corners(spec, (*middle, yaw))]
     cv2.polylines(canvas, [np.array(corners, dtype=np.int32)], True, (255, 255, 255), 2, cv2.LINE_AA)
     cv2.line(canvas, pixel(middle), pixel(middle + np.array([c, s])), (255, 255, 255), 2, cv2.LINE_AA)
     left, right, low = PANEL - 12 - round(SCALE_BAR * scale), PANEL - 12, PANEL - 12
@@ -222,11 +232,13 @@ def _motion(state: RoverState) -> str:
     return f"{state.velocity[0]:.2f} m/s   tilt {np.degrees(state.tilt):.0f} deg"
 
 
-def _command(env: MarsNavEnv, driver: Driver) -> str:
+def _command(env: MarsNavEnv, driver: Driver, gave_up: bool) -> str:
     """Return what the driver has just decided: the navigator's status, and the motion."""
     command = driver.command if isinstance(driver, NavigatorDriver) else None
     if command is not None:
         return f"{command.status}: {command.speed:+.2f} m/s {np.degrees(command.yaw_rate):+.0f} deg/s"
+    if gave_up:
+        return "gives up"
     speed, yaw_rate = env.last_action[:2] * (env.rover_spec.max_speed, env.rover_spec.max_yaw_rate)
     return f"command {speed:+.2f} m/s {np.degrees(yaw_rate):+.0f} deg/s"
 

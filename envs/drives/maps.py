@@ -16,7 +16,7 @@ from matplotlib.patches import Circle, Polygon
 
 from envs.drives.episodes import EpisodeRecord
 from envs.world.referee import GOAL_RADIUS
-from m3depth.figures.drawing import plain_label, save
+from m3depth.figures.drawing import legend_labels, plain_label, save
 from marssim.base.rover_spec import ZHURONG
 from nav.path.footprint import footprint_corners
 
@@ -91,8 +91,8 @@ def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[s
     outcomes = sorted({record.outcome for record in records})
     out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=f"outcome: {o}") for o in outcomes]
     out += [
-        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=plain_label(", ".join(group)))
-        for n, group in enumerate(groups)
+        Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=label)
+        for n, label in enumerate(legend_labels([", ".join(group) for group in groups]))
     ]
     if any(record.shortest_path for record in records):
         out.append(Line2D([], [], color=WAY_COLOUR, lw=WAY_WIDTH, label="shortest passable path"))

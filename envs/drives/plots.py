@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from envs.drives.metrics import wilson_interval
-from m3depth.figures.drawing import method_styles, plain_label, save
+from m3depth.figures.drawing import legend_labels, method_styles, plain_label, save
 
 Group = tuple[str, str]
 
@@ -34,9 +34,9 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     groups = list(dict.fromkeys((r["driver"], r["perception"]) for r in results))
     conditions = list(dict.fromkeys(r["cell"].get("condition") for r in results))
     by_condition = conditions != [None]
-    for n, (group, style) in enumerate(zip(groups, method_styles(), strict=False)):
+    labels = legend_labels([", ".join(group) for group in groups])
+    for n, (group, label, style) in enumerate(zip(groups, labels, method_styles(), strict=False)):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
-        label = plain_label(", ".join(group))
         aside = n - (len(groups) - 1) / 2
         if by_condition:
             pooled = pool_by(rows, "condition", conditions)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 
+Noted = Mapping[str, Any]  # what results.json says of what drove the episodes
 WEIGHTS = "weights"  # key in the settings file: SHA-256 by the name of a perception or driver
 RUNTIME = "runtime"  # key in the settings file: what ran M3Depth, as recorded_runtime returns it
 OTHERS_RUNTIME = "others_runtime"  # key in the settings file: what ran other networks
@@ -89,7 +91,15 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
     return joined_runtimes(records.values())
 
 
-def check_unchanged(config: EvaluateConfig, names: Sequence[str], noted: Mapping[str, Any]) -> None:
+@contextmanager
+def unchanged(config: EvaluateConfig, names: Sequence[str], noted: Noted) -> Iterator[None]:
+    """Call check_unchanged before and after the block, which drives."""
+    check_unchanged(config, names, noted)
+    yield
+    check_unchanged(config, names, noted)
+
+
+def check_unchanged(config: EvaluateConfig, names: Sequence[str], noted: Noted) -> None:
     """Raise DatasetError if files that a drive is made from are not those that the evaluation noted.
 
     Args:

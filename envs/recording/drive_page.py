@@ -21,7 +21,7 @@ from envs.drives.maps import OUTCOME_COLOURS
 from envs.recording.code_colours import code_colours
 from envs.recording.failure_cause import IN_WORDS
 from envs.recording.turning_point import turning_point
-from envs.world.referee import GOAL_RADIUS
+from envs.world.referee import GOAL_ASTRAY, GOAL_RADIUS
 from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
@@ -77,6 +77,7 @@ def drive_page(drives: Sequence[DriveFile]) -> bytes:
     """
     data = {
         "drives": [_shown(drive) for drive in drives], "colours": _colours(), "goalRadius": GOAL_RADIUS,
+        "goalAstray": GOAL_ASTRAY,
         "depthRange": [NEAR, FAR],
     }  # fmt: skip
     return _filled("drive.html", title=" beside ".join(_name(drive) for drive in drives), data=data)

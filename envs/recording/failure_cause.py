@@ -107,13 +107,13 @@ class TrueDepthMap:
             return Cause.DETOUR
         if not opens(true):
             return Cause.NO_TRUE_PATH
-        # Where the heights around a corrected cell err, its true height is a step beside them: what is free with true
-        # depth is told to be so. The wheels feel the neighbours of the cells that they are on.
+        # Beside heights that err, a true height is a step: cells that are free with true depth are passed as passable.
+        # The wheels meet the neighbours of the cells that they are on.
         true_ground = navigator.judge(place, true)
         blocked, free = navigator.judge(place).blocked, true_ground.known & ~true_ground.blocked
         false, gaps = blocked & free, ~own.measured & true.measured
         around = true.measured & (cv2.dilate(false.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-        if opens(_corrected(own, true, around), false):
+        if opens(_corrected(own, true, around), free):
             return Cause.FALSE_OBSTACLES
         if opens(_corrected(own, true, gaps), free & ~blocked):
             return Cause.UNMEASURED_GROUND

@@ -39,7 +39,7 @@ function believedFrame(step) {
 // Whether the odometry takes the goal of a drive to be somewhere else at a step.
 function goalIsAstray(drive, step) {
   const [x, y] = believedFrame(step)(drive.goal);
-  return Math.hypot(x - drive.goal[0], y - drive.goal[1]) > 0.1;
+  return Math.hypot(x - drive.goal[0], y - drive.goal[1]) > DATA.goalAstray;
 }
 
 function costColour(extra) {
@@ -61,7 +61,7 @@ function mapPanel(drive) {
   function view(step) {
     const [x, y] = placeOf(step.believed_pose);
     if (!whole.checked) return { x, y, half: AROUND };
-    const points = [drive.goal, ...drive.steps.map((other) => placeOf(other.pose))];
+    const points = [drive.goal, believedFrame(step)(drive.goal), ...drive.steps.map((other) => placeOf(other.pose))];
     const xs = points.map((p) => p[0]), ys = points.map((p) => p[1]);
     const middle = (values) => (Math.min(...values) + Math.max(...values)) / 2;
     const reach = (values) => (Math.max(...values) - Math.min(...values)) / 2 + 4;

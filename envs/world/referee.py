@@ -8,6 +8,7 @@ from envs.courses.course import EDGE, Course
 from envs.world.vehicle import Vehicle
 from marssim.base.rover_spec import RoverSpec
 
+GOAL_ASTRAY = 0.1  # [m] between the goal and where the odometry takes it to be, from which both are shown
 GOAL_RADIUS = 1.0  # [m] within which the goal is reached
 STUCK_STEPS, STUCK_DISTANCE = 5, 0.1  # steps, and [m] below which the rover is stuck
 STUCK_SPEED = 0.25  # share of the full speed from which a command is one to drive

@@ -5,8 +5,9 @@ They use matplotlib's object interface: no display, no global state.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import cycle
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,8 @@ UNSCORED = "0.82"  # grey of pixels without truth or without a value
 # Colours of Okabe and Ito, which colour-blind readers can distinguish, and two more.
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d31")
 METHOD_MARKERS = "osD^vPX*"
-LONGEST = 60  # characters of a label, so that a legend fits into its figure
+LONGEST = 60  # characters of a name in a legend, so that it fits into its figure
+KEPT = 8  # characters of what names have in common before they differ
 
 
 def method_styles() -> Iterator[dict[str, str]]:
@@ -47,14 +49,30 @@ def method_styles() -> Iterator[dict[str, str]]:
 def plain_label(label: str) -> str:
     """Return a label that matplotlib shows as it is.
 
-    It takes what is between two $ for a formula, and leaves out labels that begin with an underscore. A label of more
-    than LONGEST characters, as with the path of a file, loses its middle.
+    It takes what is between two $ for a formula, and leaves out labels that begin with an underscore.
     """
-    if len(label) > LONGEST:
-        half = LONGEST // 2
-        label = f"{label[: half - 1]}…{label[-half:]}"
     label = label.replace("$", r"\$")
     return f" {label}" if label.startswith("_") else label
+
+
+def legend_labels(names: Sequence[str]) -> list[str]:
+    """Return the labels of a legend, as plain_label does each.
+
+    A name of more than LONGEST characters, as with the path of a file, loses its middle. Names that would be equal then
+    lose their common beginning first.
+    """
+    short = [_without_middle(name) for name in names]
+    for cut in {cut for cut in short if short.count(cut) > 1}:
+        alike = [n for n, other in enumerate(short) if other == cut]
+        begin = max(0, len(commonprefix([names[n] for n in alike])) - KEPT)  # noqa: RUF071 - characters are meant
+        for n in alike:
+            short[n] = _without_middle(f"…{names[n][begin:]}")
+    return [plain_label(name) for name in short]
+
+
+def _without_middle(name: str) -> str:
+    half = LONGEST // 2
+    return name if len(name) <= LONGEST else f"{name[: half - 1]}…{name[-half:]}"
 
 
 def panel_aspect(image: np.ndarray) -> float:

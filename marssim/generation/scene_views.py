@@ -14,6 +14,7 @@ from marssim.base.dataset.sample import is_complete, write_sample
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.pose import ROVER_KEY
+from marssim.base.results.claim import differences
 from marssim.base.results.code_state import source_digest
 from marssim.generation.config import EGL, GenerateConfig
 from marssim.render.raw import RawRenderer
@@ -26,6 +27,7 @@ from marssim.scene.scene import Scene, build_scene
 from marssim.scene.trajectory import TRAJECTORY, Mast, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
+MARK_NOTES = ("command",)  # keys of generate.json on which no pair depends
 RAW_DRAWS = 0x726177  # separates the noise of the raw images
 
 
@@ -75,9 +77,9 @@ def _check_mark(config: GenerateConfig) -> None:
         raise DatasetError(
             f"{config.out}: a worker cannot see this folder; --out must be a folder that all workers share"
         )
-    settings = read_json(mark)
-    if any(settings.get(name) != value for name, value in as_json(config.content()).items()):
-        raise DatasetError(f"{mark}: is of a dataset with other settings by now; nothing more is written for this one")
+    settings = {name: value for name, value in read_json(mark).items() if name not in MARK_NOTES}
+    if differences(settings, as_json(config.content())):
+        raise DatasetError(f"{mark}: another dataset has taken this folder; this worker stops, and writes nothing more")
 
 
 def sample_folder(out: Path, scene: int, view: int) -> Path:

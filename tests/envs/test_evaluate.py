@@ -505,14 +505,23 @@ def test_a_class_that_can_begin_a_drive_serves_the_drives_of_one_thread(tmp_path
         "class Method:\n    def infer(self, left, right, rig): ...\n    def begin_drive(self): ...\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    there = threading.Barrier(2)
+    loaded, done = threading.Event(), threading.Event()
 
-    def of_thread(_):
-        there.wait(20)
-        return [envs.evaluate._perception("beginning:Method", "auto") for _ in range(2)]
+    def of_first_thread():
+        methods = [envs.evaluate._perception("beginning:Method", "auto") for _ in range(2)]
+        loaded.set()
+        done.wait(20)  # or the pool would take this thread again
+        return methods
+
+    def of_second_thread():
+        loaded.wait(20)
+        method = envs.evaluate._perception("beginning:Method", "auto")
+        done.set()
+        return method
 
     with ThreadPoolExecutor(2) as pool:
-        (one, again), (other, _) = pool.map(of_thread, range(2))
+        first, second = pool.submit(of_first_thread), pool.submit(of_second_thread)
+    (one, again), other = first.result(), second.result()
     assert one is again and one is not other
 
 

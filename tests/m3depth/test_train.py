@@ -423,8 +423,10 @@ def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, mon
     assert Run(spelt_otherwise, torch.device("cpu")).model.config == SMALL
 
 
-@pytest.mark.parametrize(("message", "told"), [("[gloo/pair.cc:553] Connection closed by peer", True), ("x", False)])
-def test_a_lost_process_of_torchrun_is_one_line(plane_set, tmp_path, monkeypatch, capsys, message, told) -> None:
+@pytest.mark.parametrize(
+    ("message", "is_lost"), [("[gloo/pair.cc:553] Connection closed by peer", True), ("NCCL: duplicate GPU", False)]
+)
+def test_a_lost_process_of_torchrun_is_one_line(plane_set, tmp_path, monkeypatch, capsys, message, is_lost) -> None:
     def lost(*given: object) -> None:
         raise RuntimeError(message)
 
@@ -432,11 +434,13 @@ def test_a_lost_process_of_torchrun_is_one_line(plane_set, tmp_path, monkeypatch
     monkeypatch.setattr("m3depth.training.loop.train", lost)
     monkeypatch.setattr("os._exit", lambda code: None)
     flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--max-steps", "1"]
-    if told:
+    if is_lost:
         assert main(flags) == 2
-        assert capsys.readouterr().err == "error: another process of this training ended; its error is printed too\n"
+        assert capsys.readouterr().err == (
+            f"error: another process of this training has ended, see its own error: {message}\n"
+        )
     else:
-        with pytest.raises(RuntimeError, match="x"):
+        with pytest.raises(RuntimeError, match="duplicate GPU"):
             main(flags)
 
 

@@ -543,7 +543,7 @@ def test_a_worker_writes_nothing_more_once_the_folder_is_of_another_dataset(tmp_
         claimed(config(tmp_path / "set", seed=6))
 
     monkeypatch.setattr(scene_views, "write_sample", written)
-    with pytest.raises(DatasetError, match=r"generate\.json: is of a dataset with other settings by now; nothing more"):
+    with pytest.raises(DatasetError, match=r"generate\.json: another dataset has taken this folder; this worker stops"):
         generate_scene(first, 0, [0, 1])
     assert [path.name for path in (tmp_path / "set").iterdir()] == ["generate.json"]
 

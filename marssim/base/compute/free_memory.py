@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-GROUPS, OWN = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")  # of Linux's control groups, version 2
+LIMITS, GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")  # of Linux's control groups, version 2
 UNKNOWN = 2 << 30  # [bytes] where the system does not report it
 
 
@@ -26,10 +26,10 @@ def free_memory() -> int:
 def _left_of_limits() -> Iterator[int]:
     """Yield what is left of each limit of this process's control groups [bytes]."""
     try:
-        own = next(line for line in OWN.read_text(encoding="utf-8").splitlines() if line.startswith("0::"))
+        line = next(line for line in GROUP.read_text(encoding="utf-8").splitlines() if line.startswith("0::"))
     except (OSError, StopIteration):
         return
-    group = GROUPS / own.removeprefix("0::").lstrip("/")
+    group = LIMITS / line.removeprefix("0::").lstrip("/")
     for folder in (group, *group.parents):
         try:
             limit = int((folder / "memory.max").read_text(encoding="ascii"))  # "max" where there is none
@@ -37,4 +37,4 @@ def _left_of_limits() -> Iterator[int]:
             counts = dict(line.split() for line in (folder / "memory.stat").read_text(encoding="ascii").splitlines())
         except (OSError, ValueError):
             continue
-        yield max(0, limit - used + int(counts.get("inactive_file", 0)))  # files read, which the system forgets
+        yield max(0, limit - used + int(counts.get("inactive_file", 0)))  # the page cache, which the system frees

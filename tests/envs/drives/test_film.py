@@ -32,7 +32,7 @@ def filmed(on_course, make_scene, make_course, tmp_path):
 
 
 def ground(env, driver):
-    return navigator_map(env, driver, env.vehicle.state().pose, env.believed_pose)
+    return navigator_map(driver, env.rover_spec, env.course.goal[:2], env.vehicle.state().pose, env.believed_pose)
 
 
 def test_a_frame_shows_rover_eye_depth_normals_and_map(filmed, tmp_path):
@@ -123,6 +123,47 @@ def test_the_map_is_drawn_where_the_rover_believes_to_be(filmed):
     assert pixels_near(picture, 0.0, 0.0, (255, 255, 255), 1.0) > 30
 
 
+def test_the_true_goal_is_where_it_is_from_the_rover(filmed):
+    """6 m to the east of a rover that heads east and believes to head north."""
+    env, _, _ = filmed
+    goal, pose, believed = env.course.goal[:2], env.vehicle.state().pose, np.eye(4)
+    believed[:2, :2] = [[0, -1], [1, 0]]
+    picture = navigator_map(StraightDriver(), env.rover_spec, goal, pose, believed)
+    assert pixels_near(picture, 0.0, 6.0, (80, 200, 255), 0.3) > 10
+    assert pixels_near(picture, 6.0, 0.0, (80, 200, 255), 0.3) == 0
+
+
+@pytest.mark.parametrize("ending", ["in the block", "closed", "raised"])
+def test_a_film_is_whole_where_the_environment_is_closed_first(filmed, tmp_path, ending):
+    env, driver, _ = filmed
+    path = tmp_path / "closed.mp4"
+    if ending == "raised":
+        with pytest.raises(RuntimeError, match="driver failed"), Film(path) as film:
+            film.watch(env, driver, 0)
+            env.close()
+            raise RuntimeError("driver failed")
+    elif ending == "closed":
+        film = Film(path)
+        film.watch(env, driver, 0)
+        env.close()
+        film.close()
+    else:
+        with Film(path) as film:
+            film.watch(env, driver, 0)
+            env.close()
+    assert path.exists() == (ending != "raised") and not list(tmp_path.glob(".*closed*"))
+
+
+def test_a_frame_that_cannot_be_drawn_leaves_no_half_written_file(filmed, tmp_path, monkeypatch):
+    env, driver, _ = filmed
+    monkeypatch.setattr("envs.drives.film.navigator_map", lambda *given: 1 / 0)
+    film = Film(tmp_path / "half.mp4")
+    film.watch(env, driver, 0)
+    with pytest.raises(ZeroDivisionError):
+        film.close()
+    assert not list(tmp_path.glob("*half*")) and not list(tmp_path.glob(".*half*"))
+
+
 def test_a_driver_without_a_map_has_an_empty_one(filmed):
     env, _, _ = filmed
     picture = ground(env, StraightDriver())
@@ -206,16 +247,18 @@ def test_every_frame_shows_command_status_and_contact_and_the_last_how_it_ended(
         film.watch(env, driver, 1)
         env.outcome = "driving"
         film.watch(env, StraightDriver(), 2)
+        film.watch(env, StraightDriver(), 2)
         env.outcome = "collision"
         monkeypatch.setattr(env.vehicle, "contacts", lambda: Contacts(chassis=True))
         film.watch(env, StraightDriver(), 3)
-    decided, stuck, going, hit = (lines[2:] for lines in titles if len(lines) > 2)
+    decided, stuck, quits, going, hit = (lines[2:] for lines in titles if len(lines) > 2)
     assert decided == ("stuck: +0.00 m/s +0 deg/s   no contact", "")
     assert stuck == ("no contact", "ended: no_path (recoveries did not help)")
+    assert quits == ("gives up   no contact", "")
     assert going == ("command +0.00 m/s +0 deg/s   no contact", "")
     assert hit == ("contact: chassis", "ended: collision")
     video = cv2.VideoCapture(str(tmp_path / "ended.mp4"))
-    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 2 + 2 * 2 * FPS  # the ends stay for 2 s
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 3 + 2 * 2 * FPS  # the ends stay for 2 s
     video.release()
 
 
@@ -234,11 +277,13 @@ def test_a_frame_shows_a_step_as_the_driver_met_it_and_what_it_chose_there(make_
             action = driver.act(env, observation)
             commands.append(driver.command)
             observation = env.step(action)[0]
+        film.watch(env, driver, 4)
     heads = [lines for lines in titles if len(lines) > 1]
-    assert [lines[1].split()[1] for lines in heads] == ["0", "1", "2", "3"]
-    for lines, command, given, pose in zip(heads, commands, maps, poses, strict=True):
+    assert [lines[1].split()[1] for lines in heads] == ["0", "1", "2", "3", "4"]
+    for lines, command, given, pose in zip(heads, commands, maps, poses):
         assert lines[2].startswith(f"{command.status}: {command.speed:+.2f} m/s")
-        np.testing.assert_array_equal(given[3], pose)
-    eyes = [lines[0] for lines in titles if lines[0].startswith("left eye")]
+        np.testing.assert_array_equal(given[4], pose)
+    assert heads[-1][2] == "no contact"  # nothing is decided there
+    eyes = [lines[0] for lines in titles if lines[0].startswith("left eye")][:4]
     assert eyes == ["left eye" if look == step else f"left eye of step {look}" for step, look in enumerate(looks)]
     assert looks != [0, 1, 2, 3]  # some steps are without one

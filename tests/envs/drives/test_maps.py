@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from envs.drives.episodes import EpisodeRecord
@@ -20,3 +22,15 @@ def test_pages_of_earlier_records_are_deleted_and_other_files_stay(tmp_path, nam
         (tmp_path / file).touch()
     plot_maps(tmp_path, [DRIVE])
     assert sorted(file.name for file in tmp_path.iterdir()) == sorted(["k0.1-slope5-0.png", "notes.png", f"my-{name}"])
+
+
+@pytest.mark.parametrize("methods", [1, 3, 6])
+def test_the_legend_fits_into_its_page_and_names_every_method(tmp_path, drawn_figures, methods):
+    names = [f"m3depth:runs/{'a_long_name_' * 6}/{n}/weights_of_the_training.safetensors" for n in range(methods)]
+    plot_maps(tmp_path, [replace(DRIVE, perception=name) for name in names])
+    (figure,) = drawn_figures
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+    lines = [line for line, text in zip(legend.get_lines(), legend.get_texts()) if "safetensors" in text.get_text()]
+    assert len(lines) == len({(line.get_linestyle(), line._unscaled_dash_pattern) for line in lines}) == methods

@@ -15,7 +15,7 @@ from m3depth.evaluation.metrics import angle_between, pixel_kinds
 from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
 from m3depth.evaluation.scoring import evaluate
 from m3depth.figures.comparison import comparison_figure
-from m3depth.figures.drawing import depth_scale, method_styles
+from m3depth.figures.drawing import LONGEST, depth_scale, legend_labels, method_styles
 from m3depth.figures.errors import distribution_figure, interval_figure, sparsification_figure
 from m3depth.figures.pairs import pairs_figure, scale_text
 from m3depth.figures.qualitative import hard_parts, qualitative_figure, zoom_figure
@@ -301,3 +301,13 @@ def test_figures_show_the_errors_of_the_pixels_that_are_scored(plane_samples, tm
     for shown in (one, replace(one, max_disparity=limit)):
         pairs_figure([replace(shown, predictions=silent)], tmp_path / "pairs.png")
         assert notes[-1] == f"{sample.disparity[shown.scored].mean():.2f} px"
+
+
+def test_long_names_lose_their_middle_and_stay_different():
+    long = [f"runs/{'a' * 40}{n}/{'b' * 40}/weights.safetensors" for n in (1, 2)]
+    assert legend_labels(["sgbm", "_mine"]) == ["sgbm", " _mine"]
+    first, short = legend_labels([long[0], "sgbm"])
+    assert len(first) == LONGEST and first.startswith("runs/aaa") and first.endswith("weights.safetensors")
+    assert short == "sgbm"
+    one, two = legend_labels(long)
+    assert one.startswith("…aaaaaaaa1/bbb") and two.startswith("…aaaaaaaa2/bbb") and len(one) == len(two) == LONGEST

@@ -8,8 +8,8 @@ from marssim.base.compute.free_memory import free_memory
 def group(tmp_path, monkeypatch):
     """The control group of this process, in its parent; return a function that sets the limit of either [bytes]."""
     (tmp_path / "own").write_text("1:name=systemd:/\n0::/job/step\n")
-    monkeypatch.setattr(module, "OWN", tmp_path / "own")
-    monkeypatch.setattr(module, "GROUPS", tmp_path / "groups")
+    monkeypatch.setattr(module, "GROUP", tmp_path / "own")
+    monkeypatch.setattr(module, "LIMITS", tmp_path / "groups")
     monkeypatch.setattr("os.sysconf", {"SC_AVPHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}.__getitem__)
 
     def limit(name, most, used=0, files=0):
