@@ -138,7 +138,7 @@ class Film:
         ]
         motion = f"step {step}   {_motion(state)}   goal {distance:.1f} m"
         lines = [self.title, motion, _contact(env), _ending(env, driver)]
-        ground = partial(navigator_map, driver, env.rover_spec, env.course.goal[:2], state.pose, env.believed_pose)
+        ground = partial(map_around, driver, env.rover_spec, env.course.goal[:2], state.pose, env.believed_pose)
         ended = env.outcome != DRIVING
         self._pending = _Step(step, partial(_titled_map, driver, ground), panels, lines, LAST_FRAMES if ended else 1)
         if ended:
@@ -167,7 +167,18 @@ def _titled_map(driver: Driver, ground: Callable[[], np.ndarray]) -> np.ndarray:
     return _titled(ground(), MAP_TITLE if _navigator(driver) else "map: this driver keeps none")
 
 
-def navigator_map(
+def navigator_map(env: MarsNavEnv, driver: Driver) -> np.ndarray:
+    """Return map_around the rover of an environment, where it is now.
+
+    Args:
+        env: The environment, in an episode.
+        driver: The driver; the map stays grey if it is no NavigatorDriver.
+    """
+    assert env.course is not None and env.vehicle is not None
+    return map_around(driver, env.rover_spec, env.course.goal[:2], env.vehicle.state().pose, env.believed_pose)
+
+
+def map_around(
     driver: Driver, spec: RoverSpec, believed_goal: np.ndarray, pose: np.ndarray, believed_pose: np.ndarray
 ) -> np.ndarray:
     """Return a map around the rover, north up: the navigator's ground, its far path and the goal.

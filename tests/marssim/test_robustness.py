@@ -186,11 +186,12 @@ def test_memory_does_not_grow_with_the_number_of_scenes(tmp_path):
     program = """
 import os, sys
 from pathlib import Path
+from marssim.base.files.json_file import as_json, write_json
 from marssim.generation.config import parse_generate
 from marssim.generation.scene_views import generate_scene
 config = parse_generate("generate", None, sys.argv[1:])
 config.out.mkdir()
-(config.out / "generate.json").touch()
+write_json(config.out / "generate.json", as_json(config.content()))
 for scene in range(12):
     generate_scene(config, scene, [0])
     print(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
-from envs.drives.film import FPS, MAP_TITLE, PANEL, Film, navigator_map
+from envs.drives.film import FPS, MAP_TITLE, PANEL, Film, map_around, navigator_map
 from envs.world.eyes import EyesConfig
 from envs.world.outside_view import WIDTH
 from m3depth.stereo.prediction import Prediction
@@ -31,10 +31,6 @@ def filmed(on_course, make_scene, make_course, tmp_path):
     film.close()
 
 
-def ground(env, driver):
-    return navigator_map(driver, env.rover_spec, env.course.goal[:2], env.vehicle.state().pose, env.believed_pose)
-
-
 def test_a_frame_shows_rover_eye_depth_normals_and_map(filmed, tmp_path):
     env, driver, film = filmed
     film.watch(env, driver, 0)
@@ -44,7 +40,7 @@ def test_a_frame_shows_rover_eye_depth_normals_and_map(filmed, tmp_path):
     panels = [frame[30:PANEL, :WIDTH], frame[30:PANEL, WIDTH:]]
     panels += [frame[PANEL + 30 :, n * PANEL : (n + 1) * PANEL] for n in range(3)]
     assert all(panel.std() > 5 for panel in panels)  # none is empty
-    np.testing.assert_array_equal(panels[4], ground(env, driver)[30:])
+    np.testing.assert_array_equal(panels[4], navigator_map(env, driver)[30:])
     film.close()
     film.close()
     assert len(film.stills) == 1
@@ -99,7 +95,7 @@ def pixels_near(picture, x, y, colour, reach=0.6):
 
 def test_the_map_shows_the_rock_the_rover_and_the_goal(filmed):
     env, driver, _ = filmed
-    picture = ground(env, driver)
+    picture = navigator_map(env, driver)
     assert picture.shape == (PANEL, PANEL, 3)
     near, scale = partial(pixels_near, picture), PANEL / 24.0
     assert near(2.4 - 0.5, 0.0, (190, 60, 60)) > 30  # the rock's near side is blocked
@@ -116,7 +112,7 @@ def test_the_map_is_drawn_where_the_rover_believes_to_be(filmed):
     env.believed_pose[:2, 3] += (0.5, -1.5)
     driver.reset(env, 0)
     driver.act(env, env._observation())
-    picture = ground(env, driver)
+    picture = navigator_map(env, driver)
     assert pixels_near(picture, 2.4 - 0.5, 0.0, (190, 60, 60)) > 30
     by_odometry, true = (pixels_near(picture, x, y, (80, 200, 255), 0.3) for x, y in ((5.5, 1.5), (6.0, 0.0)))
     assert 10 < by_odometry < true
@@ -128,7 +124,7 @@ def test_the_true_goal_is_where_it_is_from_the_rover(filmed):
     env, _, _ = filmed
     goal, pose, believed = env.course.goal[:2], env.vehicle.state().pose, np.eye(4)
     believed[:2, :2] = [[0, -1], [1, 0]]
-    picture = navigator_map(StraightDriver(), env.rover_spec, goal, pose, believed)
+    picture = map_around(StraightDriver(), env.rover_spec, goal, pose, believed)
     assert pixels_near(picture, 0.0, 6.0, (80, 200, 255), 0.3) > 10
     assert pixels_near(picture, 6.0, 0.0, (80, 200, 255), 0.3) == 0
 
@@ -156,7 +152,7 @@ def test_a_film_is_whole_where_the_environment_is_closed_first(filmed, tmp_path,
 
 def test_a_frame_that_cannot_be_drawn_leaves_no_half_written_file(filmed, tmp_path, monkeypatch):
     env, driver, _ = filmed
-    monkeypatch.setattr("envs.drives.film.navigator_map", lambda *given: 1 / 0)
+    monkeypatch.setattr("envs.drives.film.map_around", lambda *given: 1 / 0)
     film = Film(tmp_path / "half.mp4")
     film.watch(env, driver, 0)
     with pytest.raises(ZeroDivisionError):
@@ -166,7 +162,7 @@ def test_a_frame_that_cannot_be_drawn_leaves_no_half_written_file(filmed, tmp_pa
 
 def test_a_driver_without_a_map_has_an_empty_one(filmed):
     env, _, _ = filmed
-    picture = ground(env, StraightDriver())
+    picture = navigator_map(env, StraightDriver())
     assert (picture == UNKNOWN_COLOUR).all(axis=2).mean() > 0.95
 
 
@@ -265,7 +261,7 @@ def test_every_frame_shows_command_status_and_contact_and_the_last_how_it_ended(
 def test_a_frame_shows_a_step_as_the_driver_met_it_and_what_it_chose_there(make_env, tmp_path, monkeypatch):
     env, driver, titles, maps = make_env(goal_distance=4.0, mast=True, eyes=EYES), NavigatorDriver(), [], []
     monkeypatch.setattr("envs.drives.film._titled", lambda image, *lines: titles.append(lines) or image)
-    monkeypatch.setattr("envs.drives.film.navigator_map", lambda *given: maps.append(given) or EMPTY)
+    monkeypatch.setattr("envs.drives.film.map_around", lambda *given: maps.append(given) or EMPTY)
     observation, _ = env.reset(seed=2)
     driver.reset(env, 2)
     commands, looks, poses = [], [], []

@@ -5,6 +5,7 @@ import pytest
 
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.frame import StereoFrame
+from marssim.base.files.json_file import as_json, write_json
 from marssim.generation import scene_views
 from marssim.generation.config import GenerateConfig
 from marssim.render.sensor import Sensor
@@ -36,7 +37,7 @@ def written_by_generate(config: GenerateConfig, monkeypatch) -> StereoFrame:
     frames: list[StereoFrame] = []
     monkeypatch.setattr(scene_views, "write_sample", lambda folder, frame, meta, raw: frames.append(frame))
     config.out.mkdir()
-    (config.out / scene_views.SETTINGS).write_text("{}")
+    write_json(config.out / scene_views.SETTINGS, as_json(config.content()))
     scene_views.generate_scene(config, 0, [0])
     return frames[0]
 
