@@ -14,11 +14,11 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
-import openvino
 import torch
 
 from m3depth.network.model import M3Depth
 from m3depth.runtimes.graphs import unpacked
+from m3depth.runtimes.openvino_import import openvino
 from marssim.base.command.notes import say
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text

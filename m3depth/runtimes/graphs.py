@@ -3,6 +3,9 @@
 One graph has the cost volume, the other goes on from a Start. Both are traced from PyTorch, in fp32 or as its autocast
 rounds to bf16: convolutions in bf16, disparity and its geometry in fp32. OpenVINO's own bf16 rounds the disparities
 too, which changes them by 0.08 px in the mean.
+
+OpenVINO's frontend makes a graph of what PyTorch traced. `openvino.convert_model` makes one that computes the same, but
+reports each conversion to Intel by way of Google Analytics, from forked processes, and takes three times as long.
 """
 
 from __future__ import annotations
@@ -15,12 +18,12 @@ import zipfile
 import zlib
 from pathlib import Path
 
-import openvino
 import torch
 from torch import Tensor, nn
 
 from m3depth.network.model import M3Depth
 from m3depth.network.output import Start
+from m3depth.runtimes.openvino_import import openvino
 
 PARTS = ("graph.xml", "graph.bin")  # entries of a packed graph: the operations, and their weights
 
@@ -49,7 +52,12 @@ def converted(network: M3Depth, finer: bool, dtype: torch.dtype) -> bytes:
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # about constants while tracing
         traced = torch.jit.trace(wrapped, tuple(example), check_trace=False)
-        graph = openvino.convert_model(traced, example_input=tuple(example))
+        frontend = openvino.frontend.FrontEndManager().load_by_framework("pytorch")
+        decoder = openvino.frontend.pytorch.ts_decoder.TorchScriptPythonDecoder(traced, example_input=tuple(example))
+        graph = frontend.convert(frontend.load(decoder))
+        passes = openvino.passes.Manager()
+        passes.register_pass(openvino.passes.ConstantFolding())  # a quarter less to compile in each process
+        passes.run_passes(graph)
     return packed(graph)  # while `wrapped` exists: the graph shares the memory of its weights
 
 

@@ -13,7 +13,6 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-import openvino
 import torch
 from torch import Tensor
 
@@ -23,6 +22,7 @@ from m3depth.network.model import M3Depth
 from m3depth.network.output import Start, StereoOutput
 from m3depth.runtimes.graph_files import graph_name, kept
 from m3depth.runtimes.graphs import converted
+from m3depth.runtimes.openvino_import import openvino
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 

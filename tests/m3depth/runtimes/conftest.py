@@ -30,7 +30,7 @@ def small_network() -> Callable[..., M3Depth]:
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenVINO is installed."""
-    pytest.importorskip("openvino")
+    pytest.importorskip("m3depth.runtimes.openvino_import", reason="OpenVINO is not installed")
     monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
 
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-pytest.importorskip("openvino")
-import openvino
-
+pytest.importorskip("m3depth.runtimes.openvino_import", reason="OpenVINO is not installed")
 from m3depth.network.model import M3Depth
 from m3depth.runtimes.graph_files import KEPT, cache_folder, graph_name, kept
 from m3depth.runtimes.graphs import packed, unpacked
+from m3depth.runtimes.openvino_import import openvino
 
 
 @pytest.fixture(scope="module")

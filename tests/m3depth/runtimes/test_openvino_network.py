@@ -14,7 +14,7 @@ from m3depth.export import textured_pair
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import PinholeCamera, StereoRig
 
-pytest.importorskip("openvino")
+pytest.importorskip("m3depth.runtimes.openvino_import", reason="OpenVINO is not installed")
 from m3depth.runtimes.openvino_network import OpenVinoM3Depth
 
 pytestmark = pytest.mark.usefixtures("graphs_folder", "installed")
