@@ -188,7 +188,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     """
     dataset = open_pairs(options.data, options.split, options.reader)
     if not len(dataset):
-        raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split")
+        raise ValueError(f"{options.data}: split {options.split} holds no pairs; choose another --split, or all")
     if options.degrade is not None:
         Degradation.parse(options.degrade)
     estimators = named_estimators(options)

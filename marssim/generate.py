@@ -16,6 +16,7 @@ renderer is PyBullet by default; scan is faster and needs no library.
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,7 @@ from marssim.base.command.progress import progress
 from marssim.base.command.run import exit_code, writing_to
 from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
-from marssim.base.dataset.dataset import StereoDataset, write_index
+from marssim.base.dataset.dataset import SPLITS, StereoDataset, write_index
 from marssim.base.dataset.marks import SETTINGS
 from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
@@ -217,8 +218,13 @@ def _has_visible_files(out: Path) -> bool:
     return any(str(file) != SETTINGS and not any(part.startswith(".") for part in file.parts) for file in rest)
 
 
+def _by_split(dataset: StereoDataset) -> str:
+    """Return how many pairs each split holds, in words."""
+    counts = Counter(sample["split"] for sample in dataset.index["samples"])
+    return ", ".join(f"{name} {counts[name]}" for name in SPLITS)
+
+
 def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
-    counts = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in ("train", "val", "test")}
     drive = f"\nThe views of a scene follow a drive. Its poses are also in `scenes/<scene>/{TRAJECTORY}` (TUM format)."
     drive = drive if config.trajectory else ""
     datum = """\nHeights are metres above
@@ -234,7 +240,7 @@ form that holds these lenses. `m3depth.rectify --shift 0` makes of it the view o
     command = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
     return f"""# Mars stereo dataset
 
-{counted(len(dataset), "stereo pair")} (train {counts["train"]}, val {counts["val"]}, test {counts["test"]}; split by
+{counted(len(dataset), "stereo pair")} ({_by_split(dataset)}; split by
 scene), scene `{config.place}`, seed {config.seed}, rendered with {config.renderer}.
 {command}
 ![contact sheet](contact_sheet.png)
@@ -275,7 +281,7 @@ def _work(config: GenerateConfig) -> None:
     with writing_to(config.out):
         dataset = generate_dataset(config)
     print(
-        f"{counted(len(dataset), 'pair')} in {config.out}, digest {dataset.digest[:16]}, "
+        f"{counted(len(dataset), 'pair')} in {config.out} ({_by_split(dataset)}), digest {dataset.digest[:16]}, "
         f"see {config.out / 'contact_sheet.png'}"
     )
 

@@ -141,7 +141,9 @@ def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
     """Return what drove the episodes of a method that are compared: code, runtime and digests of weights."""
     states = Counter(method.episodes[key].get("code") or "an unknown state" for key in shared)
     counts = ", ".join(f"{counted(number, 'episode')} by {state}" for state, number in states.most_common())
-    words = f"by code {next(iter(states))}" if len(states) == 1 else f"by different states of the code ({counts})"
+    words = f"by different states of the code ({counts})"
+    if len(states) == 1:
+        words = f"by code with SHA-256 {next(iter(states))}"
     network = method.perception.partition(":")[0] == M3DEPTH
     words += f", in {method.runtime}" if network and method.runtime else ""
     return words + "".join(f", {name} with SHA-256 {digest[:SHOWN]}" for name, digest in method.weights.items())

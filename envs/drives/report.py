@@ -22,7 +22,8 @@ drives that arrived; a drive ends before the goal, so this may be below 1. Colli
 with a rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of
 such a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time
 ran out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
-Tilt: the largest. Abs Rel: error of the depth on the way. Unreachable: goals without a path to them, which were drawn
+Tilt: the largest. Abs Rel: error of the depth on the way, where unknown
+depth counts as 80 m. Unreachable: goals without a path to them, which were drawn
 again. s / step: seconds of driver, perception and simulation. Differences (below) have 95 % intervals: that of success
 under a single condition is Newcombe's for paired proportions, all others are by the paired bootstrap over the
 courses."""
@@ -30,6 +31,8 @@ courses."""
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 FEW_COURSES = f"no interval: fewer than {FEWEST_COURSES} courses"
 UNKNOWN_CAUSE = "unknown"
+RECORDS_CAUSES = "navigator"  # the driver whose failures have a cause once they are recorded
+HOW_CAUSES_ARE_KNOWN = "To learn the unknown causes, give the same command with `--record failures`.\n"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:
@@ -141,9 +144,12 @@ def failure_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def failures(records: Sequence[EpisodeRecord]) -> str:
-    """Return the table of failures by outcome and cause; "" if no drive failed."""
+    """Return the table of failures by outcome and cause, and how to learn unknown ones; "" if no drive failed."""
     rows = count_failures((in_table(f"{r.driver}, {r.perception}"), r.outcome, r.cause) for r in records)
-    return f"\n{failure_table(rows)}\n" if rows else ""
+    if not rows:
+        return ""
+    unknown = any(r.driver == RECORDS_CAUSES and r.cause is None and r.outcome != "goal" for r in records)
+    return f"\n{failure_table(rows)}\n{HOW_CAUSES_ARE_KNOWN if unknown else ''}"
 
 
 def soil(results: Sequence[Mapping[str, Any]]) -> str:

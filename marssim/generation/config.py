@@ -176,7 +176,8 @@ class RigOptions:
     height: int = NATECAM.camera.height
     """Height of each image [px], above 0 and up to 65536."""
     focal: float = NATECAM.camera.fx
-    """Focal length [px], at least 1 and up to 1e9."""
+    """Focal length [px], at least 1 and up to 1e9. It stays the same where only the width is given, so that smaller
+    images show a narrower view."""
     focal_y: float | None = None
     """Vertical focal length [px], at least 1 and up to 1e9, for pixels that are not square. By default it equals
     --rig.focal."""

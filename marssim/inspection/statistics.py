@@ -208,11 +208,16 @@ def _share(part: int, whole: int) -> float:
 
 
 def _percentiles(counts: np.ndarray, step: float) -> dict[str, float]:
-    """Return the upper edges of the bins that hold the 1st, 50th and 99th percentile."""
-    total = np.cumsum(counts)
-    if not total[-1]:
+    """Return the 1st, 50th and 99th percentile, taking the values of a bin as spread evenly over it."""
+    below = np.concatenate([[0], np.cumsum(counts)])
+    if not below[-1]:
         return {}
-    return {str(p): float((np.searchsorted(total, p / 100 * total[-1]) + 1) * step) for p in (1, 50, 99)}
+    quantiles = {}
+    for percent in (1, 50, 99):
+        rank = percent / 100 * below[-1]
+        k = int(np.searchsorted(below, rank, side="left")) - 1
+        quantiles[str(percent)] = float((k + (rank - below[k]) / counts[k]) * step)
+    return quantiles
 
 
 def _spread(values: list[float]) -> dict[str, float]:

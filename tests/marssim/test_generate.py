@@ -514,7 +514,8 @@ def test_the_command_writes_what_the_function_writes(made, tmp_path, capfd):
     assert command.main([str(a) for a in ("--out", tmp_path / "set", *FLAGS)]) == 0
     assert hashes(tmp_path / "set") == hashes(made)
     out = capfd.readouterr().out
-    assert "4 pairs in" in out and StereoDataset(made).digest[:16] in out
+    splits = ", ".join(f"{split} {len(StereoDataset(made, split))}" for split in ("train", "val", "test"))
+    assert f"4 pairs in {tmp_path / 'set'} ({splits}), digest {StereoDataset(made).digest[:16]}, see" in out
 
 
 def test_the_bytes_do_not_depend_on_dask(made, tmp_path):

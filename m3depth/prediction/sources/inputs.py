@@ -359,7 +359,7 @@ def _dataset(path: Path, options: PredictOptions) -> Iterator[PairInput]:
         raise ValueError(f"{path}: layout folder needs --left and --right, patterns such as 'left/*.png'")
     pairs = open_pairs(path, options.split, config if layout != "marssim" else None)
     if not len(pairs):
-        raise DatasetError(f"{path}: split {options.split} holds no pairs; choose another --split")
+        raise DatasetError(f"{path}: split {options.split} holds no pairs; choose another --split, or all")
     if isinstance(pairs, StereoDataset):
         for name in pairs.names:
             folder = path / "scenes" / name

@@ -98,10 +98,12 @@ def test_conditions_of_unequal_weight_are_reported():
 def test_what_drove_a_method_is_reported():
     method = DrivenMethod("navigator", "m3depth", TRUTH.episodes, {"m3depth": "e2184584" * 8}, "openvino 2026.4.1")
     assert comparison_notes({"eyes": method})[-1] == (
-        "eyes: driven by code aa, in openvino 2026.4.1, m3depth with SHA-256 e2184584e218."
+        "eyes: driven by code with SHA-256 aa, in openvino 2026.4.1, m3depth with SHA-256 e2184584e218."
     )
     classical = DrivenMethod("navigator", "my:Net", TRUTH.episodes, {"my:Net": "e2184584" * 8}, "openvino 2026.4.1")
-    assert comparison_notes({"eyes": classical})[-1] == "eyes: driven by code aa, my:Net with SHA-256 e2184584e218."
+    assert comparison_notes({"eyes": classical})[-1] == (
+        "eyes: driven by code with SHA-256 aa, my:Net with SHA-256 e2184584e218."
+    )
     mixed = {key: {**episode, "code": "bb" if key[1] else ""} for key, episode in TRUTH.episodes.items()}
     assert comparison_notes({"eyes": DrivenMethod("navigator", "eyes", mixed)})[-1] == (
         "eyes: driven by different states of the code (3 episodes by bb, 1 episode by an unknown state)."

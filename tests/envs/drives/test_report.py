@@ -87,6 +87,9 @@ def test_failures_are_listed_by_outcome_and_cause():
         "| method | outcome | cause | failures |", "|---|---|---|---|",
         "| navigator, sgbm | no path | false obstacles | 2 |", "| navigator, sgbm | time | unknown | 1 |",
     ]  # fmt: skip
+    assert rows[5:] == ["", "To learn the unknown causes, give the same command with `--record failures`.", ""]
+    for unrecorded in (stopped, replace(DRIVE, outcome="time", driver="straight")):
+        assert "--record" not in failures([DRIVE, unrecorded])
 
 
 def test_slip_and_energy_are_reported_where_wheels_slip():
