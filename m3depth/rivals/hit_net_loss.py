@@ -1,8 +1,8 @@
 """What HITNet returns, and its losses: of the guesses, the planes, their slants and the choices between them.
 
 The planes are compared with the truth at every pixel, along their slants (paper, Sec. 3.4), in pixels of their own
-resolution. The released training takes the true slants from fitted planes; here they are the slopes of the true
-disparity, where it has no edge.
+resolution. TinyHITNet, a public training by others, takes the true slants from fitted planes; here they are the slopes
+of the true disparity, where it has no edge.
 """
 
 from __future__ import annotations
