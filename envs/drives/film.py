@@ -56,8 +56,8 @@ class Film:
     """Writes a frame for each step into an mp4 file (MPEG-4, 5 frames a second), and shows for 2 s how the drive ended.
 
     A frame shows a step as the driver met it: where the rover stands, its last look, the map that the driver made of
-    it, and the motion that it chose. So a step is written when the next one is watched, and a last step
-    without a next one when the film is closed.
+    it, and the motion that it chose. So a step is written when the next one is watched, and a last step without a next
+    one when the film is closed.
 
     Give `watch` to envs.drives.episodes.run_episode. Use the film as a context manager, or close() it. The file gets
     its name when the film is whole: an exception in the block leaves an older file, or none.

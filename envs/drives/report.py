@@ -22,17 +22,16 @@ drives that arrived; a drive ends before the goal, so this may be below 1. Colli
 with a rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of
 such a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time
 ran out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
-Tilt: the largest. Abs Rel: error of the depth on the way, where unknown
-depth counts as 80 m. Unreachable: goals without a path to them, which were drawn
-again. s / step: seconds of driver, perception and simulation. Differences (below) have 95 % intervals: that of success
-under a single condition is Newcombe's for paired proportions, all others are by the paired bootstrap over the
-courses."""
+Tilt: the largest. Abs Rel: error of the depth on the way, where unknown depth counts as 80 m. Unreachable: goals
+without a path to them, which were drawn again. s / step: seconds of driver, perception and simulation. Differences
+(below) have 95 % intervals: that of success under a single condition is Newcombe's for paired proportions, all others
+are by the paired bootstrap over the courses."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 FEW_COURSES = f"no interval: fewer than {FEWEST_COURSES} courses"
 UNKNOWN_CAUSE = "unknown"
 RECORDS_CAUSES = "navigator"  # the driver whose failures have a cause once they are recorded
-HOW_CAUSES_ARE_KNOWN = "To learn the unknown causes, give the same command with `--record failures`.\n"
+HOW_CAUSES_ARE_KNOWN = "To learn the unknown causes, drive with `--record failures`, which repeats only those.\n"
 
 
 def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRecord]) -> None:

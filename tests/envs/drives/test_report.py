@@ -87,7 +87,8 @@ def test_failures_are_listed_by_outcome_and_cause():
         "| method | outcome | cause | failures |", "|---|---|---|---|",
         "| navigator, sgbm | no path | false obstacles | 2 |", "| navigator, sgbm | time | unknown | 1 |",
     ]  # fmt: skip
-    assert rows[5:] == ["", "To learn the unknown causes, give the same command with `--record failures`.", ""]
+    hint = "To learn the unknown causes, drive with `--record failures`, which repeats only those."
+    assert rows[5:] == ["", hint, ""]
     for unrecorded in (stopped, replace(DRIVE, outcome="time", driver="straight")):
         assert "--record" not in failures([DRIVE, unrecorded])
 
