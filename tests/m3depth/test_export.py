@@ -1,7 +1,12 @@
 """The exported network has PyTorch's outputs in onnxruntime, at sizes that the export did not use."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
 import onnx
 import pytest
 import torch
@@ -68,10 +73,13 @@ def test_the_shipped_weights_export_and_free_sizes_are_declared() -> None:
     assert {node.domain for node in graph.node} == {""}  # no operator of anybody's own
 
 
-def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) -> None:
+def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys, monkeypatch) -> None:
     import onnxruntime
 
-    network(TINY).save_pretrained(tmp_path / "net.safetensors")
+    weights = network(TINY)
+    with torch.no_grad():
+        weights.refinement.decisions[2].bias[1] -= 0.28  # sky in a part of the image
+    weights.save_pretrained(tmp_path / "net.safetensors")
     out = tmp_path / "deep" / "net.onnx"
     assert main(["--weights", str(tmp_path / "net.safetensors"), "--out", str(out), "--opset", "18"]) == 0
     assert capsys.readouterr().out.startswith(f"{out}: ")
@@ -81,6 +89,27 @@ def test_the_command_writes_a_file_that_other_programs_read(tmp_path, capsys) ->
     assert disparity.shape == (1, 1, 40, 56)
     assert onnx.load(out).opset_import[0].version == 18
     assert list(out.parent.iterdir()) == [out]
+    the_program_of_the_guide(out, left, right, monkeypatch)
+
+
+def the_program_of_the_guide(network: Path, left: np.ndarray, right: np.ndarray, monkeypatch) -> None:
+    """It gives the depth that the network's own disparity means."""
+    import onnxruntime
+
+    monkeypatch.chdir(network.parent)
+    network.rename("m3depth.onnx")
+    for name, image in (("left", left), ("right", right)):
+        cv2.imwrite(f"{name}.png", np.round(255 * image[0]).astype(np.uint8).transpose(1, 2, 0)[..., ::-1])
+    guide = (Path(__file__).parents[2] / "docs" / "guides" / "predict.md").read_text()
+    names: dict[str, Any] = {}
+    exec(re.search(r"```python\n(# depth_by_onnx.py\n.*?)```", guide, re.DOTALL)[1], names)
+    rounded = {name: np.round(255 * image) / np.float32(255) for name, image in (("left", left), ("right", right))}
+    session = onnxruntime.InferenceSession("m3depth.onnx", providers=["CPUExecutionProvider"])
+    camera = [[595.9, 595.9, 255.5, 255.5]]
+    disparity, sky = session.run(["disparity", "sky"], {**rounded, "camera": camera})
+    assert 0 < (sky < 0.5).sum() < sky.size
+    expected = np.where(sky[0, 0] < 0.5, 595.9 * 0.27 / disparity[0, 0], np.inf)
+    np.testing.assert_allclose(names["depth"], expected, rtol=1e-4)
 
 
 @pytest.mark.parametrize("part", ["aggregation.score", "normals.slice.2.weight"])
