@@ -97,8 +97,9 @@ def measure(folder: Path, options: Options, methods: Mapping[str, Estimator]) ->
         if not finite.any():
             raise ValueError(f"--data {folder}: {name} and SGBM measure no pixel together in any pair")
         of_values = [scene for scene, known in zip(scenes, finite) if known]
-        bounds = list(interval(resampled_means(values[finite], of_values))) if len(set(of_values)) > 1 else None
-        of_methods[name] = {"ratio": float(values[finite].mean()), "interval": bounds}
+        ratio = float(values[finite].mean())
+        bounds = interval(resampled_means(values[finite], of_values), ratio, len(set(of_values)), within=(0, np.inf))
+        of_methods[name] = {"ratio": ratio, "interval": bounds}
     return {"data": str(folder), "pairs": len(rows), "scenes": len(set(scenes)), "methods": of_methods}
 
 

@@ -134,7 +134,7 @@ def measure(options: Options) -> tuple[dict[str, dict[str, np.ndarray]], list[st
 
 
 def summary(errors_of: np.ndarray, scenes: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the mean of each of KINDS and its interval, None for pairs of a single scene, by its name here.
+    """Return the mean of each of KINDS and its interval, None for fewer than four scenes, by its name here.
 
     Args:
         errors_of: (pairs, KINDS) [px].
@@ -147,8 +147,9 @@ def summary(errors_of: np.ndarray, scenes: Sequence[str]) -> dict[str, dict[str,
             means[name] = {"epe_px": None, "interval": None}
             continue
         of_column = [s for s, v in zip(scenes, valid) if v]
-        bounds = list(interval(resampled_means(column[valid], of_column))) if len(set(of_column)) > 1 else None
-        means[name] = {"epe_px": float(column[valid].mean()), "interval": bounds}
+        mean = float(column[valid].mean())
+        bounds = interval(resampled_means(column[valid], of_column), mean, len(set(of_column)), within=(0, np.inf))
+        means[name] = {"epe_px": mean, "interval": bounds}
     return means
 
 

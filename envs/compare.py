@@ -6,7 +6,7 @@
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
 to the first method of the first file. A second table has the failures: how they ended, and why, if they were recorded.
 A third one has the correlation of success and SPL with the errors of the depth on the way: which metric of the depth
-predicts drives.
+goes with drives.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table
+from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table, dots_without_each_course
 from envs.comparison.methods import methods_of
 from envs.comparison.plots import plot_comparison, plot_depth_metrics
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
@@ -94,7 +94,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
         "notes": comparison_notes(methods), "failures": failures_of(methods), "dots": dots,
-        "correlations": correlate(dots),
+        "correlations": correlate(dots, dots_without_each_course(methods)),
     }  # fmt: skip
     if config.out is not None:
         with ResultFolder(config.out, "comparison").claim():

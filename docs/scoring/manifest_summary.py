@@ -1,9 +1,9 @@
 """The figures of docs/scoring/score_manifest.py: those of many small evaluations, joined by size and set.
 
 Errors of pixels are means over images, as in m3depth.evaluate; shares of sky and near ground, of rocks and of edges are
-over all images together. Intervals hold 95 % of the bootstrap over scenes, whose views are drawn together. A ratio to
-SGBM's compares both on the same images. Near ground is nearer than 8 m. Rocks, edges of slabs and false obstacles are
-those of docs/concepts/scoring-rules.md in the depth, and those of envs/rock_map.py in the navigator's map.
+over all images together. The 95 % intervals are by the bootstrap over scenes, whose views are drawn together. A ratio
+to SGBM's compares both on the same images. Near ground is nearer than 8 m. Rocks, edges of slabs and false obstacles
+are those of docs/concepts/scoring-rules.md in the depth, and those of envs/rock_map.py in the navigator's map.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ def figure(
 
     Returns:
         "value", "interval"; with rivals, and where the term asks for it, "ratio" and "ratio_interval". None where
-        no pair has the figure, and for intervals of a single scene or where some samples of the scenes lack it.
+        no pair has the figure, and for intervals of fewer than four scenes or where some samples of them lack it.
     """
     numbers = np.array([term.numbers(record) for record in records])  # (pairs, 2)
     out: dict[str, Any] = {"value": _quotient(term, records), "interval": None}
@@ -208,18 +208,17 @@ def figure(
         out["ratio"] = out["value"] / rival if out["value"] is not None and rival else None
         out["ratio_interval"] = None
         numbers = np.hstack([numbers, [term.numbers(record) for record in rivals]])
-    if len(set(scenes)) > 1:
-        sums = resampled_means(numbers, scenes)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            quotients = sums[:, 0::2] / sums[:, 1::2]  # (draws, 1 or 2)
-            out["interval"] = _bounds(quotients[:, 0])
-            if compared:
-                out["ratio_interval"] = _bounds(quotients[:, 0] / quotients[:, 1])
+    sums, number = resampled_means(numbers, scenes), len(set(scenes))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quotients = sums[:, 0::2] / sums[:, 1::2]  # (draws, 1 or 2)
+        if out["value"] is not None:
+            most = 1.0 if term.percent else np.inf
+            out["interval"] = interval(quotients[:, 0], out["value"], number, within=(0, most))
+        if compared and out["ratio"] is not None:
+            out["ratio_interval"] = interval(
+                quotients[:, 0] / quotients[:, 1], out["ratio"], number, within=(0, np.inf)
+            )
     return out
-
-
-def _bounds(draws: np.ndarray) -> list[float] | None:
-    return [*interval(draws)] if np.isfinite(draws).all() else None
 
 
 def markdown(content: Mapping[str, Any]) -> str:

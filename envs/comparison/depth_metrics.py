@@ -1,24 +1,27 @@
-"""Which metric of the depth predicts drives: success and SPL over the errors of the depth on the way."""
+"""Which metric of the depth goes with drives: success and SPL over the errors of the depth on the way."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import rankdata
 
+from envs.comparison.jackknife import jackknife_interval
 from envs.comparison.methods import DrivenMethod, shared_episodes
 from envs.comparison.report import scores
 from envs.comparison.suite_results import Episode
 from envs.drives.report import bounds
 from envs.world.perception import GROUND_TRUTH
-from m3depth.evaluation.bootstrap import DRAWS, interval
+from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 
 FEWEST = 3  # dots that a correlation needs, and that must differ from the others in the metric and in the score
-FEWEST_CONDITIONS = 4  # that its interval needs
-MOST_WITHOUT = 0.05  # share of the samples of its bootstrap that may have no correlation
 DIGITS = 12  # decimals of scores and metrics that count, as means of equal values may differ by rounding
 SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
+
+Dot = Mapping[str, Any]
 
 
 class Metric(NamedTuple):
@@ -58,11 +61,12 @@ METRICS = {
 }
 
 
-def condition_dots(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
+def condition_dots(methods: Mapping[str, DrivenMethod], without: int | None = None) -> list[dict[str, Any]]:
     """Return a dot for each condition and method, over the episodes that all methods have driven.
 
     Args:
         methods: By label.
+        without: Number of a course to leave out, under all conditions.
 
     Returns:
         condition, method, episodes, success_rate, spl; each metric of METRICS, None where it was not recorded, as with
@@ -72,7 +76,7 @@ def condition_dots(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
     Raises:
         ValueError: The methods have no episode in common.
     """
-    shared = shared_episodes(methods)
+    shared = [key for key in shared_episodes(methods) if key[1] != without]
     dots = []
     for condition in dict.fromkeys(condition for condition, _ in shared):
         drives = {
@@ -102,25 +106,40 @@ def condition_dots(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
     return dots
 
 
-def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def dots_without_each_course(methods: Mapping[str, DrivenMethod]) -> list[list[dict[str, Any]]]:
+    """Return the dots of condition_dots without each of the courses in turn, for the intervals of correlate."""
+    return [condition_dots(methods, course) for course in sorted({course for _, course in shared_episodes(methods)})]
+
+
+def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ()) -> list[dict[str, Any]]:
     """Return the correlation of each score with each metric, over the dots that have both.
 
     Spearman's correlation is that of the ranks. Pearson's is that with the logarithm of a metric that spans decades, if
-    no dot has 0. Values that differ by rounding alone count as equal. Intervals are by the bootstrap over the
-    conditions: all dots of a condition are drawn together, as its courses make them alike.
+    no dot has 0. Values that differ by rounding alone count as equal. Intervals are by the jackknife over the courses,
+    which all conditions have in common, and over the conditions; both variances are added.
 
     Args:
         dots: Of condition_dots.
+        without_course: Of dots_without_each_course.
 
     Returns:
         Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), logarithmic
         (whether Pearson's is with the logarithm), and spearman, pearson, within (Spearman's within methods, see
         ranks_within) and weaker (how much smaller spearman is without its sign than that of the strongest metric for
-        this score, over the dots that have both; None for the strongest itself), each with its 95 % interval, None with
-        fewer than four conditions, and where more than one of 20 samples of the bootstrap has no correlation. There
-        is no row of fewer than three dots, or where fewer than three (of three dots: two) differ from the value that
-        most have, in the metric or in the score.
+        this score, over the dots that have both; None for the strongest itself), each with its 95 % interval, None
+        with fewer than four courses or conditions, and where there is no correlation without one of them. There is no
+        row of fewer than three dots, or where fewer than three (of three dots: two) differ from the value that most
+        have, in the metric or in the score.
     """
+    conditions = dict.fromkeys(dot["condition"] for dot in dots)
+    without_condition = [[dot for dot in dots if dot["condition"] != left_out] for left_out in conditions]
+
+    def measured(kind: str, statistic: Callable[[Sequence[Dot]], float], is_correlation: bool) -> dict[str, Any]:
+        value = statistic(dots)
+        replicates = [np.array([*map(statistic, left)]) for left in (without_course, without_condition)]
+        ends = jackknife_interval(value, replicates, is_correlation)
+        return {kind: value if np.isfinite(value) else None, f"{kind}_interval": ends}
+
     rows = []
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
         of_score = []
@@ -128,52 +147,48 @@ def correlate(dots: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             both, (x, y) = _both(dots, name, score)
             if _too_few(x, y):
                 continue
-            logarithmic = metric.logarithmic and x.min() > 0
-            conditions, methods = ([dot[key] for dot in both] for key in ("condition", "method"))
-            weights = _resampled(conditions)
-            of_each = {
-                "spearman": correlation(ranks(x, weights), ranks(y, weights), weights),
-                "within": correlation(ranks_within(x, methods, weights), ranks_within(y, methods, weights), weights),
-                "pearson": correlation(np.log(x) if logarithmic else x, y, weights),
-            }
-            row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": bool(logarithmic)}
-            for kind, values in of_each.items():
-                row |= _with_interval(kind, values, conditions)
+            logarithmic = bool(metric.logarithmic and x.min() > 0)
+            row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": logarithmic}
+            row |= measured("spearman", partial(_spearman, name, score), True)
+            row |= measured("within", partial(_within, name, score), True)
+            row |= measured("pearson", partial(_pearson, name, score, logarithmic), True)
             of_score.append(row | {"weaker": None, "weaker_interval": None})
         strongest = max(of_score, key=lambda row: abs(row["spearman"]), default=None)
         for row in of_score:
             if strongest is not None and row is not strongest:
-                row |= _weaker(dots, score, row["metric"], strongest["metric"])
+                _, values = _both(dots, row["metric"], strongest["metric"], score)
+                if not _too_few(*values):
+                    row |= measured("weaker", partial(_weaker, row["metric"], strongest["metric"], score), False)
         rows += of_score
     return rows
 
 
-def _both(dots: Sequence[Mapping[str, Any]], *names: str) -> tuple[list[Mapping[str, Any]], list[np.ndarray]]:
+def _both(dots: Sequence[Dot], *names: str) -> tuple[list[Dot], list[np.ndarray]]:
     """Return the dots that have all of these entries, and each entry of them."""
     both = [dot for dot in dots if all(dot[name] is not None for name in names)]
     return both, [np.array([dot[name] for dot in both], float).round(DIGITS) for name in names]
 
 
-def _with_interval(name: str, values: np.ndarray, conditions: Sequence[str]) -> dict[str, Any]:
-    """Return a statistic, the first of its values in the samples of _resampled, and its interval; None if unknown."""
-    known = np.isfinite(values)
-    enough = len(set(conditions)) >= FEWEST_CONDITIONS and known.mean() >= 1 - MOST_WITHOUT
-    return {
-        name: float(values[0]) if known[0] else None,
-        f"{name}_interval": list(interval(values[known])) if enough and known[0] else None,
-    }
+def _spearman(metric: str, score: str, dots: Sequence[Dot]) -> float:
+    _, (x, y) = _both(dots, metric, score)
+    return correlation(rankdata(x), rankdata(y))
 
 
-def _weaker(dots: Sequence[Mapping[str, Any]], score: str, metric: str, strongest: str) -> dict[str, Any]:
-    """Return "weaker" of correlate and its interval."""
-    both, (x, best, y) = _both(dots, metric, strongest, score)
-    if _too_few(x, best, y):
-        return {}
-    conditions = [dot["condition"] for dot in both]
-    weights = _resampled(conditions)
-    of_score = ranks(y, weights)
-    size, best_size = (np.abs(correlation(ranks(v, weights), of_score, weights)) for v in (x, best))
-    return _with_interval("weaker", best_size - size, conditions)
+def _pearson(metric: str, score: str, logarithmic: bool, dots: Sequence[Dot]) -> float:
+    _, (x, y) = _both(dots, metric, score)
+    return correlation(np.log(x) if logarithmic else x, y)
+
+
+def _within(metric: str, score: str, dots: Sequence[Dot]) -> float:
+    both, (x, y) = _both(dots, metric, score)
+    return correlation(*ranks_within(x, y, [dot["method"] for dot in both]))
+
+
+def _weaker(metric: str, strongest: str, score: str, dots: Sequence[Dot]) -> float:
+    """Return by how much the correlation of a metric is weaker than that of the strongest, over dots that have both."""
+    _, (x, best, y) = _both(dots, metric, strongest, score)
+    size, best_size = (abs(correlation(rankdata(values), rankdata(y))) for values in (x, best))
+    return best_size - size
 
 
 def _too_few(*values: np.ndarray) -> bool:
@@ -209,8 +224,9 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
         ),
     ]  # fmt: skip
     note = (
-        "A dot is a method under a condition. Intervals are by the bootstrap over the conditions, where there are "
-        f"{FEWEST_CONDITIONS} or more and nearly all samples have a correlation. By the logarithm: the correlation "
+        "A dot is a method under a condition. Metric and score are of the same drives, so a drive that fails, and "
+        "looks longer at what stops it, changes both. Intervals are by the jackknife over the courses and over the "
+        f"conditions, where there are {FEWEST_CLUSTERS} of each or more. By the logarithm: the correlation "
         "with the logarithm of the metric. Less true depth: less the score of the same driver with true depth on the "
         "same courses, which leaves out how hard a condition is for any eyes. Weaker: how much smaller the correlation "
         "is, without its sign, than that of the strongest metric, over the dots that have both; the strongest was "
@@ -233,63 +249,31 @@ def _score_in_words(score: str) -> str:
     return words if score == name else f"{words} less true depth"
 
 
-def _resampled(clusters: Sequence[str]) -> np.ndarray:
-    """Return how often each dot is in a sample, (1 + DRAWS, n): all once, and then samples of whole clusters."""
-    number = {name: i for i, name in enumerate(dict.fromkeys(clusters))}
-    picks = np.random.default_rng(0).integers(0, len(number), (DRAWS, len(number)))
-    drawn = np.apply_along_axis(np.bincount, 1, picks, minlength=len(number))
-    weights = drawn[:, [number[name] for name in clusters]]
-    return np.vstack([np.ones(len(clusters)), weights])
-
-
-def ranks(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the ranks of values in samples that hold each of them several times; equal values have their mean rank.
-
-    Args:
-        values: (n,).
-        weights: (samples, n) how often each value is in a sample.
-
-    Returns:
-        (samples, n) ranks, from 0.5.
-    """
-    below = (values[None] < values[:, None]) + 0.5 * (values[None] == values[:, None])
-    return weights @ below.T
-
-
-def ranks_within(values: np.ndarray, groups: Sequence[str], weights: np.ndarray) -> np.ndarray:
-    """Return the ranks of values among those of their group, less their mean there; else as `ranks`.
+def ranks_within(x: np.ndarray, y: np.ndarray, groups: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ranks of both among those of their group, less their mean there.
 
     A difference between groups, such as one method that has the worse depth and the worse drives throughout, does not
-    contribute to the correlation of such ranks.
+    contribute to the correlation of such ranks. Groups in which one of the two has a single value are left out.
 
     Args:
-        values: (n,).
+        x: (n,).
+        y: (n,).
         groups: (n,).
-        weights: (samples, n).
-    """
-    centred = np.zeros(weights.shape)
-    for group in set(groups):
-        members = [i for i, other in enumerate(groups) if other == group]
-        of_group = weights[:, members]
-        ranked, total = ranks(values[members], of_group), of_group.sum(axis=1, keepdims=True)
-        centred[:, members] = ranked - (of_group * ranked).sum(axis=1, keepdims=True) / np.maximum(total, 1)
-    return centred
-
-
-def correlation(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return Pearson's correlation in samples that hold each pair several times.
-
-    Args:
-        x: (n,) or (samples, n).
-        y: Likewise.
-        weights: (samples, n) how often each pair is in a sample.
 
     Returns:
-        (samples,); NaN where x or y has one value only.
+        (m,) ranks of x and of y.
     """
-    total = weights.sum(axis=1, keepdims=True)
-    dx, dy = (v - (weights * v).sum(axis=1, keepdims=True) / total for v in (x, y))
-    covariance, of_x, of_y = ((weights * product).sum(axis=1) for product in (dx * dy, dx * dx, dy * dy))
-    spread = np.sqrt(of_x * of_y)
-    constant = (of_x <= 1e-12 * np.square(x).max()) | (of_y <= 1e-12 * np.square(y).max())
-    return np.where(constant, np.nan, covariance / np.where(constant, 1, spread))
+    centred: list[tuple[np.ndarray, np.ndarray]] = [(np.zeros(0), np.zeros(0))]
+    for group in dict.fromkeys(groups):
+        members = [i for i, other in enumerate(groups) if other == group]
+        if _differing(x[members]) and _differing(y[members]):
+            of_x, of_y = (rankdata(values[members]) for values in (x, y))
+            centred.append((of_x - of_x.mean(), of_y - of_y.mean()))
+    return np.concatenate([of_x for of_x, _ in centred]), np.concatenate([of_y for _, of_y in centred])
+
+
+def correlation(x: np.ndarray, y: np.ndarray) -> float:
+    """Return Pearson's correlation of two (n,); NaN without pairs, and where x or y has one value only."""
+    if not len(x) or not _differing(x) or not _differing(y):
+        return float("nan")
+    return float(np.corrcoef(x, y)[0, 1])

@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
 from envs.comparison.depth_metrics import FEWEST, METRICS, SCORES, correlation_in_words, correlation_of
-from envs.drives.metrics import FEWEST_COURSES
+from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from m3depth.figures.drawing import legend_labels, method_styles, plain_label, save
 
 SPREAD = 0.7  # of the height of a condition, over which its methods lie
@@ -27,8 +27,8 @@ LOG_TICKS = (1, 2, 5)  # of each decade
 def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Plot success and SPL by condition, and what they are less those of the first method, one colour a method.
 
-    Bars are 95 % intervals: in the two panels on the right, those of the paired differences. There is none by the
-    bootstrap over fewer than FEWEST_COURSES courses.
+    Bars are 95 % intervals: in the two panels on the right, those of the paired differences. There is none of SPL over
+    fewer than FEWEST_CLUSTERS courses.
 
     Args:
         path: File of the picture.
@@ -76,8 +76,8 @@ def plot_comparison(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     panels[0].set_yticks(range(len(conditions)), [plain_label(name.replace("_", " ")) for name in conditions])
     panels[0].set_ylim(len(conditions) - 0.5, -0.5)
     handles, labels = panels[0].get_legend_handles_labels()
-    few = any(row["courses"] < FEWEST_COURSES for row in rows)
-    short = f"; none by the bootstrap over fewer than {FEWEST_COURSES} courses" if few else ""
+    few = any(row["courses"] < FEWEST_CLUSTERS for row in rows)
+    short = f"; none of SPL over fewer than {FEWEST_CLUSTERS} courses" if few else ""
     figure.legend(
         handles, [f"{labels[0]} (first)", *labels[1:]], loc="outside upper center", ncols=min(len(labels), 3),
         fontsize=8, title=f"bars are 95 % intervals{short}", title_fontsize=8,

@@ -10,11 +10,11 @@ import numpy as np
 
 from envs.comparison.methods import DrivenMethod, shared_episodes
 from envs.comparison.suite_results import Episode, Key
-from envs.drives.metrics import FEWEST_COURSES, count_failures, course_interval, paired_scores, wilson_interval
+from envs.drives.metrics import count_failures, effective_drives, paired_scores, spl_interval, wilson_interval
 from envs.drives.report import bounds, in_table
 from envs.suites.suite import OVERALL
 from m3depth.estimator import M3DEPTH
-from m3depth.evaluation.bootstrap import resampled_means
+from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from marssim.base.command.wording import counted
 
 SHOWN = 12  # digits of a digest that a note shows
@@ -29,11 +29,11 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
         methods: By label. The first is what the others are compared to.
 
     Returns:
-        condition, method, episodes; courses: how many numbers they have; success_rate with its interval, Wilson's for a
-        condition, and by the bootstrap over the courses over several conditions; spl with its bootstrap interval (those
-        by the bootstrap are None with fewer than FEWEST_COURSES courses); and
-        `less`: the difference to the first method as envs.drives.metrics.paired_difference has it, None for the first.
-        Courses of one number under several conditions are drawn together.
+        condition, method, episodes; courses: how many numbers they have; success_rate with Wilson's interval, over
+        several conditions that of as many drives as effective_drives says; spl with its interval by the bootstrap over
+        the courses, None with fewer than FEWEST_CLUSTERS of them; and `less`: the difference to the first method as
+        envs.drives.metrics.paired_difference has it, None for the first. Courses of one number under several conditions
+        are drawn together.
 
     Raises:
         ValueError: The methods have no episode in common.
@@ -49,16 +49,13 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
             values = np.array(list(driven.values()))
             success, weighted = (float(mean) for mean in values.mean(axis=0))
             courses = [course for _, course in keys]
-            means = resampled_means(values, courses)
+            number = effective_drives(values[:, 0], courses)
             rows.append(
                 {
                     "condition": condition, "method": label, "episodes": len(keys),
                     "courses": len(set(courses)), "success_rate": success,
-                    "success_interval": (
-                        course_interval(means[:, 0], courses) if condition == OVERALL
-                        else list(wilson_interval(success * len(keys), len(keys)))
-                    ),
-                    "spl": weighted, "spl_interval": course_interval(means[:, 1], courses),
+                    "success_interval": list(wilson_interval(success * number, number)),
+                    "spl": weighted, "spl_interval": spl_interval(values[:, 1], courses),
                     "less": None if label == first else paired_scores(driven, drives[first]),
                 }
             )  # fmt: skip
@@ -77,21 +74,21 @@ def comparison_table(rows: list[dict[str, Any]]) -> str:
         less = row["less"]
         differences = ("-", "-") if less is None else (
             f"{100 * less['difference']:+.0f} points{bounds(less['interval'], 100, '+.0f')}",
-            f"{less['spl_difference']:+.3f}{bounds(less['spl_interval'], 1, '+.3f')}",
+            f"{less['spl_difference']:+.2f}{bounds(less['spl_interval'], 1, '+.2f')}",
         )  # fmt: skip
         episodes, courses = row["episodes"], row["courses"]
         drives = str(episodes) if episodes == courses else f"{episodes} on {courses} courses"
         lines.append(
             f"| {row['condition']} | {in_table(row['method'])} | {drives} "
             f"| {100 * row['success_rate']:.0f} %{bounds(row['success_interval'], 100, '.0f')} "
-            f"| {row['spl']:.3f}{bounds(row['spl_interval'], 1, '.3f')} | {differences[0]} | {differences[1]} |"
+            f"| {row['spl']:.2f}{bounds(row['spl_interval'], 1, '.2f')} | {differences[0]} | {differences[1]} |"
         )
     note = (
-        f"The differences are those to {in_table(first)} on the same courses. Intervals are 95 %: that of success "
-        "under a condition is Wilson's, and that of its difference Newcombe's for paired proportions. All others, "
-        f"those of SPL and of the row {OVERALL}, are by the bootstrap over the courses, paired for differences, and "
-        f"are given for {FEWEST_COURSES} courses or more. Otherwise, a value without an interval is the same on all "
-        "courses."
+        f"The differences are those to {in_table(first)} on the same courses. Intervals are 95 %: that of success is "
+        f"Wilson's, and that of its difference Newcombe's for paired proportions; in the row {OVERALL}, they count "
+        "drives on courses of one number as fewer, as these resemble each other. Those of SPL are by the bootstrap "
+        f"over the courses, paired for differences, and are given for {FEWEST_CLUSTERS} courses or more. Otherwise, an "
+        "SPL without an interval is the same on all courses."
     )
     return "\n".join([*lines, "", note]) + "\n"
 

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from envs.drives.episodes import EpisodeRecord, mean_of_measured
-from m3depth.evaluation.bootstrap import interval, resampled_means
+from m3depth.evaluation.bootstrap import interval, resampled_means, student_over_normal
 
 # outcomes by ENav's classes of failure, and one class for drives that odometry led to a wrong place
 FAILURES = {
     "no feasible path": ("no_path",), "safety limit": ("collision", "tilt", "out_of_bounds"), "time": ("time", "stuck"),
     "elsewhere": ("elsewhere",),
 }  # fmt: skip
-FEWEST_COURSES = 4  # that an interval by the bootstrap over the courses needs
 UNREACHABLE_MARK = 0.20  # share of goals without a way above which the table marks a cell
 
 
@@ -61,12 +60,12 @@ def best_and_worst(records: Sequence[EpisodeRecord]) -> tuple[int | None, int]:
     return order[-1] if merit(order[-1])[0] else None, order[0]
 
 
-def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[float, float]:
+def wilson_interval(successes: float, trials: float, z: float = 1.96) -> tuple[float, float]:
     """Return the Wilson score interval of a proportion, 95 % by default.
 
     Args:
-        successes: Number of successes. If several trials depend on each other: their mean a trial times `trials`.
-        trials: Number of independent trials.
+        successes: Number of successes. Of trials that depend on each other: their mean a trial times `trials`.
+        trials: Number of trials; of those that depend on each other, effective_drives.
         z: Quantile of the normal distribution.
 
     Raises:
@@ -80,12 +79,13 @@ def wilson_interval(successes: float, trials: int, z: float = 1.96) -> tuple[flo
     return float(max(0.0, middle - half)), float(min(1.0, middle + half))
 
 
-def newcombe_interval(both: int, first: int, second: int, neither: int, z: float = 1.96) -> tuple[float, float]:
+def newcombe_interval(both: float, first: float, second: float, neither: float, z: float = 1.96) -> tuple[float, float]:
     """Return the hybrid score interval of the difference of two success rates over the same courses, 95 % by default.
 
     It joins the Wilson intervals of both rates by their correlation (Newcombe 1998, "Improved confidence intervals for
     the difference between binomial proportions based on paired data", method 10). It holds where the bootstrap fails:
-    with few courses that differ, or none.
+    with few courses that differ, or none. Of courses that depend on each other, give the numbers times
+    effective_drives over their sum.
 
     Args:
         both: Number of courses on which both succeeded.
@@ -103,7 +103,7 @@ def newcombe_interval(both: int, first: int, second: int, neither: int, z: float
     n = both + first + second + neither
     p1, p2 = ((both + alone) / n if n else 0.0 for alone in (first, second))
     (low1, high1), (low2, high2) = (wilson_interval(both + alone, n, z) for alone in (first, second))
-    agreement: float = both * neither - first * second
+    agreement = both * neither - first * second
     agreement = max(agreement - n / 2, 0.0) if agreement > 0 else agreement  # his correction for continuity
     margins = (both + first) * (second + neither) * (both + second) * (first + neither)
     phi = agreement / np.sqrt(margins) if margins else 0.0
@@ -115,19 +115,43 @@ def newcombe_interval(both: int, first: int, second: int, neither: int, z: float
     return difference - reach(p1 - low1, high2 - p2), difference + reach(high1 - p1, p2 - low2)
 
 
+def effective_drives(values: np.ndarray, courses: Sequence[int]) -> float:
+    """Return as how many independent drives some count that resemble each other where their course is the same.
+
+    It is the number at which independent drives would have the mean's variance over courses (Korn and Graubard 1998,
+    "Confidence intervals for proportions with small expected number of positive counts estimated from survey data"),
+    times the square of z / t, as that variance is known from a few courses only.
+
+    Args:
+        values: (N,) successes of drives, or differences of successes.
+        courses: (N,) number of the course of each.
+
+    Returns:
+        A number from that of the different courses to N; that of the courses if all values are the same.
+    """
+    number = len(set(courses))
+    sums: dict[int, float] = {}
+    for course, value in zip(courses, values - values.mean(), strict=True):
+        sums[course] = sums.get(course, 0.0) + value
+    between = number / max(number - 1, 1) * float(np.square([*sums.values()]).sum())
+    if between <= 1e-12 * len(values):
+        return float(number)
+    drives = len(values) * float(np.square(values - values.mean()).sum()) / between
+    return float(np.clip(drives / student_over_normal(number) ** 2, number, len(values)))
+
+
 def paired_difference(first: Sequence[EpisodeRecord], second: Sequence[EpisodeRecord]) -> dict[str, Any]:
     """Return success and SPL of `first` less those of `second` on the same episodes, with 95 % intervals.
 
-    Records are matched by cell and episode, and every episode counts alike. In a single cell, the interval of success
-    is newcombe_interval. That of SPL, and over several cells that of success too, is by the paired bootstrap. The
-    courses of one number in all cells come from one seed and have much of their ground in common. They are drawn
-    together, as one: a cluster bootstrap. With few numbers its interval is too short: with 15, that of success over
-    several cells covered the truth in 80 to 91 % of simulated comparisons, with 30 and with 50 in 92 to 95 %. If all
-    numbers differ by the same amount, the interval has no width and says nothing.
+    Records are matched by cell and episode, and every episode counts alike. The courses of one number in all cells come
+    from one seed and have much of their ground in common. So the interval of success is newcombe_interval of as many
+    drives as effective_drives says, which in a single cell are all. That of SPL is by the paired bootstrap, in which
+    courses of one number are drawn together, as one. If all of them differ by the same amount, it has no width and says
+    nothing.
 
     Returns:
-        episodes; courses: how many numbers they have; difference, interval, spl_difference and spl_interval. Intervals
-        by the bootstrap are None with fewer than FEWEST_COURSES numbers.
+        episodes; courses: how many numbers they have; difference, interval, spl_difference and spl_interval, None
+        with fewer than FEWEST_CLUSTERS numbers.
 
     Raises:
         ValueError: If the two do not hold the same episodes.
@@ -145,30 +169,32 @@ def paired_scores(
     keys = sorted(a)
     of_a, of_b = (np.array([scores[key] for key in keys]) for scores in (a, b))  # (episodes, 2)
     gains, courses = of_a - of_b, [course for _, course in keys]
-    means = resampled_means(gains, courses)
+    of_one = effective_drives(gains[:, 0], courses) / len(keys)
     pairs = Counter(zip(of_a[:, 0] > 0, of_b[:, 0] > 0, strict=True))
-    in_one_cell = len({cell for cell, _ in keys}) == 1
+    counts = [of_one * pairs[both] for both in ((True, True), (True, False), (False, True), (False, False))]
     return {
         "episodes": len(keys),
         "courses": len(set(courses)),
         "difference": float(gains[:, 0].mean()),
-        "interval": (
-            list(newcombe_interval(pairs[True, True], pairs[True, False], pairs[False, True], pairs[False, False]))
-            if in_one_cell else course_interval(means[:, 0], courses)
-        ),
+        "interval": list(newcombe_interval(*counts)),
         "spl_difference": float(gains[:, 1].mean()),
-        "spl_interval": course_interval(means[:, 1], courses),
-    }  # fmt: skip
+        "spl_interval": spl_interval(gains[:, 1], courses, least=-1.0),
+    }
 
 
-def course_interval(means: np.ndarray, courses: Sequence[int]) -> list[float] | None:
-    """Return the 95 % interval of a mean by the bootstrap over courses; None with fewer than FEWEST_COURSES of them.
+def spl_interval(values: np.ndarray, courses: Sequence[int], least: float = 0.0) -> list[float] | None:
+    """Return the 95 % interval of the mean of SPL, or of differences of it, by the bootstrap over the courses.
 
     Args:
-        means: (samples,) means of the bootstrap's samples, as resampled_means returns them.
-        courses: Number of the course of each episode.
+        values: (N,) of the drives.
+        courses: (N,) number of the course of each; drives on courses of one number are drawn together.
+        least: Least value that the mean can have.
+
+    Returns:
+        Its bounds; None with fewer than FEWEST_CLUSTERS courses.
     """
-    return list(interval(means)) if len(set(courses)) >= FEWEST_COURSES else None
+    mean = float(values.mean())
+    return interval(resampled_means(values, courses), mean, len(set(courses)), within=(least, 1.0))
 
 
 def _scores(record: EpisodeRecord) -> tuple[float, float]:

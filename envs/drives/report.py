@@ -9,9 +9,10 @@ from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import plot_maps
-from envs.drives.metrics import FEWEST_COURSES, UNREACHABLE_MARK, count_failures
+from envs.drives.metrics import UNREACHABLE_MARK, count_failures
 from envs.drives.plots import plot_success
 from envs.world.referee import GOAL_RADIUS
+from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from m3depth.evaluation.running_sums import NEAR_GROUND
 from marssim.base.files.atomic import write_atomically
 
@@ -24,11 +25,12 @@ such a rock, a drop or steep ground. No path: the driver gave up. Safety: collis
 ran out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
 Tilt: the largest. Abs Rel: error of the depth on the way, where unknown depth counts as 80 m. Unreachable: goals
 without a path to them, which were drawn again. s / step: seconds of driver, perception and simulation. Differences
-(below) have 95 % intervals: that of success under a single condition is Newcombe's for paired proportions, all others
-are by the paired bootstrap over the courses."""
+(below) have 95 % intervals: that of success is Newcombe's for paired proportions, that of SPL by the paired bootstrap
+over the courses. Drives on courses of one number, which resemble each other, count as fewer."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
-FEW_COURSES = f"no interval: fewer than {FEWEST_COURSES} courses"
+FEW_COURSES = f"no interval: fewer than {FEWEST_CLUSTERS} courses"
+LEAST_WIDTH = 1e-9  # of an interval; sums in another order differ by less
 UNKNOWN_CAUSE = "unknown"
 RECORDS_CAUSES = "navigator"  # the driver whose failures have a cause once they are recorded
 HOW_CAUSES_ARE_KNOWN = "To learn the unknown causes, drive with `--record failures`, which repeats only those.\n"
@@ -209,13 +211,12 @@ def in_table(name: str) -> str:
 
 def bounds(ends: Sequence[float] | None, scale: float, digits: str) -> str:
     """Return an interval in words, such as " (0.71 to 0.84)"; "" if there is none, or it has no width."""
-    if ends is None or not ends[0] < ends[1]:
+    if ends is None or not ends[1] - ends[0] > LEAST_WIDTH:
         return ""
     return f" ({scale * ends[0]:{digits}} to {scale * ends[1]:{digits}})"
 
 
 def _without(row: Mapping[str, Any]) -> str:
-    """Return a remark on values without an interval."""
-    none = [name for name, key in (("success", "interval"), ("SPL", "spl_interval")) if not bounds(row[key], 1, "")]
-    reason = FEW_COURSES if row["courses"] < FEWEST_COURSES else NO_INTERVAL
-    return f" ({' and '.join(none)}: {reason})" if none else ""
+    """Return a remark on an SPL without an interval."""
+    reason = FEW_COURSES if row["courses"] < FEWEST_CLUSTERS else NO_INTERVAL
+    return "" if bounds(row["spl_interval"], 1, "") else f" ({reason})"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.ablation.studies import Comparison, Study
-from m3depth.evaluation import bootstrap
+from m3depth.evaluation.bootstrap import interval, resampled_means, student_interval
 from marssim.base.command.wording import counted
 
 METHOD = "M3Depth"  # name of a run's network in its score
@@ -41,8 +41,9 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
     """Return everything that is reported of a study, as plain numbers and sentences.
 
     Figures are means over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the
-    paired bootstrap over the scenes: views of one scene resemble each other, so its pairs are drawn together. A single
-    scene gives no interval. A pair that holds no pixel of a figure is left out of that figure, in every run.
+    paired bootstrap over the scenes: views of one scene resemble each other, so its pairs are drawn together. Fewer
+    than four scenes give no interval. With several seeds, there is also Student's interval over the seeds. A pair that
+    holds no pixel of a figure is left out of that figure, in every run.
 
     Args:
         study: The study.
@@ -149,31 +150,34 @@ def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
     """Return the relative change of a mean from one run to another, over the seeds that both have.
 
     Returns:
-        "here": the change, "interval": its bounds over the scenes, "by_seed"; "typical" and "typical_interval": the
-        same of the geometric mean of the pairs' ratios, which single pairs with large errors do not decide. None where
-        it is not known.
+        "here": the change, "interval": its bounds over the scenes, "by_seed", "seed_interval": bounds over the seeds;
+        "typical", "typical_interval", "typical_by_seed" and "typical_seed_interval": the same of the geometric mean of
+        the pairs' ratios, which single pairs with large errors do not decide. None where it is not known.
     """
     before, after = column.by_run[before_run], column.by_run[after_run]
     common = sorted(before.keys() & after.keys())
-    change: dict[str, Any] = dict.fromkeys(["here", "interval", "typical", "typical_interval"]) | {"by_seed": []}
+    names = ("here", "interval", "seed_interval", "typical", "typical_interval", "typical_seed_interval")
+    change: dict[str, Any] = dict.fromkeys(names) | {"by_seed": [], "typical_by_seed": []}
     if not common or not len(before[common[0]]) or not np.mean([before[seed] for seed in common]) > 0:
         return change
     first, second = (np.stack([run[seed] for seed in common], 1) for run in (before, after))  # (pairs, seeds)
-    several = len(set(column.scenes)) > 1
+    scenes = len(set(column.scenes))
     if min(first.min(), second.min()) > 0:
-        ratios = np.log(second / first).mean(1, keepdims=True)
+        ratios = np.log(second / first)
         change["typical"] = float(np.expm1(ratios.mean()))
-        if several:
-            change["typical_interval"] = [
-                *np.expm1(bootstrap.interval(bootstrap.resampled_means(ratios, column.scenes)[:, 0])).tolist()
-            ]
+        change["typical_by_seed"] = np.expm1(ratios.mean(0)).tolist()
+        means = resampled_means(ratios.mean(1), column.scenes)
+        for name, ends in (
+            ("typical_interval", interval(means, float(ratios.mean()), scenes)),
+            ("typical_seed_interval", student_interval(ratios.mean(0))),
+        ):
+            change[name] = None if ends is None else np.expm1(ends).tolist()
     change["here"] = float(second.mean() / first.mean() - 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a mean of 0 in some samples
         change["by_seed"] = (second.mean(0) / first.mean(0) - 1).tolist()
-        if several:
-            means = bootstrap.resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
-            bounds = [*bootstrap.interval(means[:, 1] / means[:, 0] - 1)]
-            change["interval"] = bounds if np.isfinite(bounds).all() else None  # a mean of 0 in some samples
+        change["seed_interval"] = student_interval(np.array(change["by_seed"]))
+        means = resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
+        change["interval"] = interval(means[:, 1] / means[:, 0] - 1, change["here"], scenes)
     return change
 
 
@@ -182,20 +186,17 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
     before, after = study.rows[comparison.before], study.rows[comparison.after]
     paper = _ratio(after.paper.get(name), before.paper.get(name))
     change = _change(column, before.variant.name, after.variant.name)
-    verdict = _verdict(paper, change["here"], change["interval"], change["by_seed"])
+    verdict = _verdict(paper, change)
     claim = f"{MEASURED[name]} {_change_text(paper)}" if paper is not None else comparison.statement or "no figure"
     lead = f"Paper: {claim}; here" if study.source else "Here"
     if change["here"] is None:
         here = "it is not measured yet"
     else:
         here = f"{'it' if paper is not None else MEASURED[name]} {_change_text(change['here'])} "
-        here += "(" + _interval_text(change["interval"])
-        if len(change["by_seed"]) > 1:
-            same = sum((seed_change > 0) == (change["here"] > 0) for seed_change in change["by_seed"])
-            here += f"; the same sign with {same} of {len(change['by_seed'])} seeds"
+        here += "(" + _interval_text(change["interval"], change["seed_interval"])
         if change["typical_interval"] is not None:
             here += f"; geometric mean {100 * change['typical']:+.1f} %, "
-            here += _bounds_text(change["typical_interval"])
+            here += _bounds_text(change["typical_interval"], change["typical_seed_interval"])
         here += ")"
     ending = f": **{verdict}**" if verdict else ""
     return {
@@ -208,26 +209,23 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
     }
 
 
-def _verdict(
-    paper: float | None, here: float | None, interval: Sequence[float] | None, by_seed: Sequence[float]
-) -> str | None:
+def _verdict(paper: float | None, change: Mapping[str, Any]) -> str | None:
     """Return whether the changes in the paper and here agree, provisionally with one seed; None if one is not known."""
-    if paper is None or here is None or interval is None:
+    if paper is None or change["here"] is None or change["interval"] is None:
         return None
-    if interval[0] <= 0 <= interval[1] or any((change < 0) != (here < 0) for change in by_seed):
+    if any(ends[0] <= 0 <= ends[1] for ends in (change["interval"], change["seed_interval"]) if ends is not None):
         return "undecided"
-    verdict = "agrees" if (paper < 0) == (here < 0) else "disagrees"
-    return verdict if len(by_seed) > 1 else verdict + PROVISIONAL
+    verdict = "agrees" if (paper < 0) == (change["here"] < 0) else "disagrees"
+    return verdict if len(change["by_seed"]) > 1 else verdict + PROVISIONAL
 
 
-def _interval_text(interval: Sequence[float] | None) -> str:
-    if interval is None:
-        return "no interval"
-    return f"95 % interval {_bounds_text(interval)}"
+def _interval_text(of_scenes: Sequence[float] | None, of_seeds: Sequence[float] | None) -> str:
+    return "no interval" if of_scenes is None else f"95 % interval {_bounds_text(of_scenes, of_seeds)}"
 
 
-def _bounds_text(interval: Sequence[float]) -> str:
-    return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f} %"
+def _bounds_text(of_scenes: Sequence[float], of_seeds: Sequence[float] | None) -> str:
+    scenes, *seeds = (f"{100 * low:+.1f} to {100 * high:+.1f} %" for low, high in filter(None, (of_scenes, of_seeds)))
+    return f"{scenes} over scenes, {seeds[0]} over seeds" if seeds else scenes
 
 
 def _change_text(change: float) -> str:

@@ -42,13 +42,13 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
         "orders and changes can be compared, sizes cannot. The paper's unchanged row has three wavelet levels and, by "
         "its own tables, three iterations (five under levels); here it has those of the preset.",
         "",
-        "Changes are relative. Their 95 % intervals are those of the paired bootstrap over the scenes of the test set, "
-        "whose pairs are drawn together. Agrees, disagrees: the interval excludes zero, on the paper's side or on the "
-        "other. Undecided: it includes zero, or seeds differ in sign. Geometric mean: the change of the geometric mean "
-        "of the images' figures, which a few images with large errors do not decide; verdicts do not use it. Rows "
-        "turned: pairs of rows in the opposite order of the paper's."
-        + (" Provisional: of one seed." if provisional else "")
-        + (" Intervals of one seed do not include chance in training." if provisional or one_seed else ""),
+        "Changes are relative. Their 95 % intervals over scenes are those of the paired bootstrap over the scenes of "
+        "the test set, whose pairs are drawn together. They hold for the trained networks, without chance in training. "
+        + ("" if one_seed else "Intervals over seeds are Student's, of the changes with each seed, and include it. ")
+        + "Agrees, disagrees: the intervals exclude zero, on the paper's side or on the other. Undecided: one of them "
+        "includes zero. Geometric mean: the change of the geometric mean of the images' figures, which a few images "
+        "with large errors do not decide; verdicts do not use it. Rows turned: pairs of rows in the opposite order of "
+        "the paper's." + (" Provisional: of one seed." if provisional else ""),
     ]
     lines += size_warning(studies.values()) + mixture_warning(studies.values())
     lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in studies.values()])]
@@ -70,8 +70,7 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
 def size_warning(studies: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return lines that warn of a test set or budget that is too small for any conclusion; none if neither is.
 
-    A bootstrap interval over a handful of scenes is far too narrow, and networks of a few steps differ by their initial
-    weights.
+    A handful of scenes is not a sample of Mars, and networks of a few steps differ by their initial weights.
     """
     studies = list(studies)
     scenes = [study["all_scenes"] for study in studies if study["all_scenes"]]

@@ -1,13 +1,15 @@
-"""How far a mean over a sample would move with another sample (Efron's bootstrap)."""
+"""How far a mean over a sample would move with another sample: Efron's bootstrap, and intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 DRAWS = 4000  # resampled means that an interval comes from
-COVERAGE = 0.95  # share of the resampled means that an interval holds
+COVERAGE = 0.95  # of intervals
+FEWEST_CLUSTERS = 4  # that an interval needs
 
 
 def resampled_means(
@@ -37,7 +39,43 @@ def resampled_means(
     return total[picks].sum(axis=1) / rows.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def interval(statistic: np.ndarray) -> tuple[float, float]:
-    """Return the bounds of the middle 95 % of a resampled statistic, (draws,)."""
-    low, high = np.quantile(statistic, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
-    return float(low), float(high)
+def interval(
+    resampled: np.ndarray, estimate: float, clusters: int, within: tuple[float, float] = (-np.inf, np.inf)
+) -> list[float] | None:
+    """Return the 95 % interval of a statistic by the bootstrap.
+
+    The middle 95 % of the resampled values are too narrow an interval with few clusters: they spread by the deviation
+    of the sample with n instead of n - 1, and have the tails of the normal distribution instead of Student's
+    (Hesterberg 2015, "What teachers should know about the bootstrap"). So both ends are moved away from the estimate by
+    the factor sqrt(n / (n - 1)) t / z, with n - 1 degrees of freedom: 1.88 for 4 clusters, 1.10 for 20.
+
+    Args:
+        resampled: (draws,) the statistic of each sample, as of resampled_means.
+        estimate: The statistic of the data.
+        clusters: Number of clusters that the samples were drawn from.
+        within: Least and greatest value that the statistic can have.
+
+    Returns:
+        Its bounds; None with fewer than FEWEST_CLUSTERS clusters, or where samples have no such statistic (NaN or
+        infinite).
+    """
+    if clusters < FEWEST_CLUSTERS or not np.isfinite(resampled).all():
+        return None
+    ends = np.quantile(resampled, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
+    factor = np.sqrt(clusters / (clusters - 1)) * student_over_normal(clusters)
+    low, high = np.clip(estimate + factor * (ends - estimate), *within)
+    return [float(low), float(high)]
+
+
+def student_interval(values: np.ndarray) -> list[float] | None:
+    """Return Student's 95 % interval of the mean of values (n,); None for fewer than two, or if one is not finite."""
+    if len(values) < 2 or not np.isfinite(values).all():
+        return None
+    reach = stdtrit(len(values) - 1, (1 + COVERAGE) / 2) * values.std(ddof=1) / np.sqrt(len(values))
+    return [float(values.mean() - reach), float(values.mean() + reach)]
+
+
+def student_over_normal(clusters: int) -> float:
+    """Return the quantile t of Student's distribution for the mean of n clusters over that of the normal one, z."""
+    upper = (1 + COVERAGE) / 2
+    return float(stdtrit(max(clusters - 1, 1), upper) / ndtri(upper))

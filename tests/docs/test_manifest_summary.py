@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from m3depth.evaluation.bootstrap import interval, resampled_means
+
 ROCK = [0.25, 5.0, True, 0.01, True]  # height, distance, found, error, seen by both eyes
 
 
@@ -40,13 +42,13 @@ def result(
 
 
 def test_errors_are_means_over_images_with_their_ratio_to_sgbms(manifest_summary):
-    pairs = {f"0000{i}/00": (record(x), record(4 * x)) for i, x in enumerate((0.01, 0.02, 0.06))}
+    pairs = {f"0000{i}/00": (record(x), record(4 * x)) for i, x in enumerate((0.01, 0.02, 0.03, 0.06))}
     ours = manifest_summary.summary([result("512", pairs)])["parts"]["512"]["clean"]["depth"]["M3Depth"]
     assert ours["abs_rel"]["value"] == pytest.approx(0.03) and ours["epe_visible"]["value"] == pytest.approx(0.3)
     assert ours["abs_rel"]["ratio"] == pytest.approx(0.25)
     np.testing.assert_allclose(ours["abs_rel"]["ratio_interval"], 0.25)  # paired: every sample has this ratio
-    low, high = ours["abs_rel"]["interval"]
-    assert low == pytest.approx(0.01, abs=0.004) and 0.03 < high <= 0.06
+    means = resampled_means(np.array([0.01, 0.02, 0.03, 0.06]))
+    assert ours["abs_rel"]["interval"] == pytest.approx(interval(means, 0.03, 4, within=(0, np.inf)))
     assert ours["normal_slab"]["value"] is None and ours["normal_slab"]["ratio"] is None  # none are in view
     assert ours["normal_rock"]["value"] == 20 and ours["places"]["gale"]["abs_rel"] == pytest.approx(0.03)
 
@@ -92,14 +94,15 @@ def test_scenes_of_two_places_are_different_scenes(manifest_summary):
 
 
 def test_the_tables_show_every_figure_and_say_that_a_trial_is_one(manifest_summary):
-    pairs = {f"0000{i}/00": (record(0.01 + i / 100, rocks=[ROCK]), record(0.04)) for i in range(2)}
+    pairs = {f"0000{i}/00": (record(0.01 + i / 200, rocks=[ROCK]), record(0.04)) for i in range(4)}
     content = manifest_summary.summary([result("512", pairs), result("1024", pairs)])
     text = manifest_summary.markdown({"limit": 2, "versions": {"torch": "2", "numpy": None}, **content})
     for term in (*manifest_summary.PIXELS.values(), *manifest_summary.ROCKS.values()):
         assert f"| {term.title} |" in text
-    assert "| Abs Rel | 0.0150 (0.0100 to 0.0200) | 0.0400 (0.0400 to 0.0400) |" in text
-    assert "| … over SGBM's | 0.3750 (0.2500 to 0.5000) |  |" in text
-    assert "| rocks, 0.2 to 0.3 m, 4 to 8 m away | 2 of 2 | 0 of 0 |" in text
+    low, high = content["parts"]["512"]["clean"]["depth"]["M3Depth"]["abs_rel"]["interval"]
+    assert f"| Abs Rel | 0.0175 ({low:.4f} to {high:.4f}) | 0.0400 (0.0400 to 0.0400) |" in text
+    assert f"| … over SGBM's | 0.4375 ({low / 0.04:.4f} to {high / 0.04:.4f}) |  |" in text
+    assert "| rocks, 0.2 to 0.3 m, 4 to 8 m away | 4 of 4 | 0 of 0 |" in text
     assert "at the smallest size: M3Depth 1.000, SGBM 1.000." in text
     assert "**A trial: at most 2 pairs of each place.**" in text and text.endswith("torch 2.\n")
 

@@ -36,8 +36,8 @@ class Off:
 
 
 class Pairs(list):
-    names = ("00000/00", "00001/00")
-    scenes = ("00000", "00001")
+    names = tuple(f"{n:05}/00" for n in range(4))
+    scenes = tuple(f"{n:05}" for n in range(4))
 
 
 def test_the_truth_explains_the_images_better_than_half_a_pixel_beside_it(photometric_residual):
@@ -46,11 +46,12 @@ def test_the_truth_explains_the_images_better_than_half_a_pixel_beside_it(photom
 
 
 def test_the_command_writes_a_row_for_each_dataset(photometric_residual, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: Pairs([wall(0), wall(1)]))
+    pairs = Pairs([wall(n) for n in range(4)])
+    monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: pairs)
     out = tmp_path / "out"
     assert photometric_residual.main(["--data", "a", "b/c", "--estimator", "sgbm", "--out", str(out)]) == 0
     content = read_json(out / "residual.json")["datasets"]
-    assert [(row["data"], row["pairs"], row["scenes"]) for row in content] == [("a", 2, 2), ("b/c", 2, 2)]
+    assert [(row["data"], row["pairs"], row["scenes"]) for row in content] == [("a", 4, 4), ("b/c", 4, 4)]
     assert content[0]["methods"]["SGBM"]["ratio"] == pytest.approx(1, abs=0.05)
     low, high = content[0]["methods"]["truth"]["interval"]
     assert low <= content[0]["methods"]["truth"]["ratio"] <= high
@@ -68,13 +69,13 @@ def test_the_truth_is_that_of_the_aligned_pair(photometric_residual, monkeypatch
     assert photometric_residual.ratios(pair, {})["truth"] == aligned
 
 
-def test_pairs_of_a_single_scene_have_no_interval(photometric_residual, tmp_path, capsys, monkeypatch):
-    pairs = Pairs([wall(0), wall(1)])
-    pairs.scenes = ("00000", "00000")
+def test_pairs_of_three_scenes_have_no_interval(photometric_residual, tmp_path, capsys, monkeypatch):
+    pairs = Pairs([wall(n) for n in range(4)])
+    pairs.scenes = ("00000", "00000", "00001", "00002")
     monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: pairs)
     assert photometric_residual.main(["--data", "a", "--estimator", "sgbm", "--out", str(tmp_path / "out")]) == 0
     (row,) = read_json(tmp_path / "out/residual.json")["datasets"]
-    assert row["scenes"] == 1 and row["methods"]["truth"]["interval"] is None
+    assert row["scenes"] == 3 and row["methods"]["truth"]["interval"] is None
     assert "(" not in capsys.readouterr().out
 
 

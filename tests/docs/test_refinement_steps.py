@@ -9,6 +9,7 @@ import pytest
 import torch
 from small_network import SMALL
 
+from m3depth.evaluation.bootstrap import interval, resampled_means
 from m3depth.network.model import M3Depth
 from m3depth.stereo.prediction import StepMap
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -56,13 +57,13 @@ def test_errors_of_known_maps_by_kind_of_pixel(refinement_steps):
 
 
 def test_means_leave_out_pairs_without_such_pixels(refinement_steps):
-    rows = np.array([[1.0, 4.0], [2.0, np.nan], [6.0, 8.0]])
-    means = refinement_steps.summary(rows, ["a", "a", "b"])
+    rows = np.array([[1.0, 4.0], [2.0, np.nan], [6.0, 8.0], [3.0, 5.0], [3.0, 7.0]])
+    means = refinement_steps.summary(rows, list("aabcd"))
     assert means["non-occluded"]["epe_px"] == 3 and means["occluded"]["epe_px"] == 6
-    low, high = means["occluded"]["interval"]
-    assert (low, high) == (4, 8)  # two scenes: both bounds are those of one of them
-    one_scene = refinement_steps.summary(rows, ["a"] * len(rows))["occluded"]
-    assert one_scene["interval"] is None and one_scene["epe_px"] == means["occluded"]["epe_px"]
+    known = rows[[0, 2, 3, 4], 1]
+    assert means["occluded"]["interval"] == interval(resampled_means(known), 6.0, 4, within=(0, np.inf))
+    three_scenes = refinement_steps.summary(rows, list("aabcc"))["occluded"]
+    assert three_scenes["interval"] is None and three_scenes["epe_px"] == means["occluded"]["epe_px"]
     assert refinement_steps.summary(rows[1:2], ["a"])["occluded"] == {"epe_px": None, "interval": None}
 
 

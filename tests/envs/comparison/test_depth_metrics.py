@@ -1,16 +1,24 @@
 import numpy as np
 import pytest
 from scipy.stats import pearsonr, spearmanr
+from scipy.stats import t as student
 
-from envs.comparison.depth_metrics import METRICS, condition_dots, correlate, correlation, correlation_table, ranks
+from envs.comparison.depth_metrics import (
+    METRICS,
+    condition_dots,
+    correlate,
+    correlation,
+    correlation_table,
+    dots_without_each_course,
+)
 from envs.comparison.methods import DrivenMethod
 from envs.comparison.plots import plot_depth_metrics
 
 CONDITIONS = ("clear", "dust", "storm", "rocks")
 
 
-def method(perception, spls, errors, missed=None, driver="navigator"):
-    """Two courses under each condition, with the same SPL and depth error on both."""
+def method(perception, spls, errors, missed=None, driver="navigator", courses=(0, 1)):
+    """Courses under each condition, with the same SPL and depth error on all of them."""
     episodes = {
         (condition, course): {
             "success": weighted > 0, "spl": weighted, "abs_rel": error, "looks": 10,
@@ -18,7 +26,7 @@ def method(perception, spls, errors, missed=None, driver="navigator"):
             "false_obstacles": None, "near_ground": 1000, "near_ground_as_sky": 0,
         }
         for n, (condition, weighted, error) in enumerate(zip(CONDITIONS, spls, errors, strict=True))
-        for course in (0, 1)
+        for course in courses
     }  # fmt: skip
     return DrivenMethod(driver, perception, episodes)
 
@@ -56,8 +64,7 @@ def test_correlations_leave_out_what_was_not_measured_and_what_does_not_vary():
     assert less["pearson"] == pytest.approx(pearsonr(np.log([0.01, 0.1, 0.2, 0.02]), [0, -0.2, -0.4, -0.05])[0])
     plain = rows["spl", "abs_rel"]
     assert plain["spearman"] == pytest.approx(spearmanr([0.01, 0.1, 0.2, 0.02], [1.0, 0.8, 0.6, 0.45])[0])
-    low, high = plain["spearman_interval"]
-    assert -1 <= low < plain["spearman"] < high <= 1
+    assert plain["spearman_interval"] is None  # of two courses
     table = correlation_table(list(rows.values()))
     (row,) = [line for line in table.splitlines() if "| SPL less true depth | Abs Rel on the way | 4 | -1.00 |" in line]
     assert row.endswith(" by the logarithm |") and table.count("by the logarithm |") == 2
@@ -91,26 +98,64 @@ def test_a_single_odd_score_has_no_correlation():
     assert row["score"] == "spl" and row["spearman"] == pytest.approx(-1)
 
 
-def test_an_interval_needs_a_correlation_in_nearly_all_samples():
-    """Four methods that differ under one condition alone: a third of the samples lack this condition."""
-    dots = [
-        {
-            "condition": str(n), "method": name, "success_rate": 1.0, "spl": 0.9 - 0.1 * m * (n == 0),
-            "success_rate_less_truth": None, "spl_less_truth": None, "abs_rel": 0.01 * (1 + m), "rocks_missed": None,
-            "false_obstacles": None, "near_ground_as_sky": None,
+def scattered(courses, conditions=8):
+    """Two methods whose errors differ from condition to condition, and SPL from course to course too."""
+    rng = np.random.default_rng(5)
+    methods = {}
+    for name, worse in (("good", 0.0), ("bad", 0.3)):
+        errors = worse + rng.uniform(0.02, 0.4, conditions)
+        methods[name] = DrivenMethod(
+            "navigator", name, {
+                (str(n), course): {
+                    "success": True, "spl": float(np.clip(1 - error + rng.normal(0, 0.1), 0, 1)), "abs_rel": error,
+                    "looks": 10, "false_obstacles": int(rng.poisson(20 * error)),
+                }
+                for n, error in enumerate(errors) for course in range(courses)
+            },
+        )  # fmt: skip
+    return methods
+
+
+def test_intervals_are_those_of_the_jackknife_over_courses_and_conditions():
+    methods = scattered(5)
+    row = next(r for r in correlate(condition_dots(methods), dots_without_each_course(methods)) if r["score"] == "spl")
+    assert row["metric"] == "abs_rel"
+
+    def z(keep):
+        kept = {
+            name: DrivenMethod(m.driver, m.perception, {key: e for key, e in m.episodes.items() if keep(key)})
+            for name, m in methods.items()
         }
-        for n in range(4) for m, name in enumerate("abcd")
-    ]  # fmt: skip
-    (row,) = correlate(dots)
-    assert np.isfinite(row["spearman"]) and row["spearman_interval"] is None and row["pearson_interval"] is None
+        dots = condition_dots(kept)
+        return np.arctanh(spearmanr([dot["abs_rel"] for dot in dots], [dot["spl"] for dot in dots])[0])
+
+    of_courses = [z(lambda key, left=left: key[1] != left) for left in range(5)]
+    of_conditions = [z(lambda key, left=left: key[0] != str(left)) for left in range(8)]
+    variance = 4 * np.var(of_courses) + 7 * np.var(of_conditions)
+    ends = np.tanh(np.arctanh(row["spearman"]) + np.array([-1, 1]) * student.ppf(0.975, 4) * np.sqrt(variance))
+    assert row["spearman_interval"] == pytest.approx(ends)
+    assert -1 < ends[0] < row["spearman"] < ends[1] < 1
+    (other,) = [r for r in correlate(condition_dots(methods), dots_without_each_course(methods)) if r["weaker"]]
+    low, high = other["weaker_interval"]
+    assert low < other["weaker"] < high and high - other["weaker"] == pytest.approx(other["weaker"] - low)
 
 
-def test_three_conditions_are_too_few_for_an_interval():
-    dots = [dot for dot in condition_dots({"truth": TRUTH, "eyes": EYES}) if dot["condition"] != "clear"]
-    rows = correlate(dots)
+@pytest.mark.parametrize(("courses", "conditions"), [(3, 8), (8, 3)])
+def test_three_courses_or_conditions_are_too_few_for_an_interval(courses, conditions):
+    methods = scattered(courses, conditions)
+    rows = correlate(condition_dots(methods), dots_without_each_course(methods))
     assert rows and all(row["spearman_interval"] is row["pearson_interval"] is None for row in rows)
-    line = "| SPL | Abs Rel on the way | 3 | +0.50 | +0.50 | +0.50 | +0.62 by the logarithm |"
-    assert line in correlation_table(rows)
+    assert f"| SPL | Abs Rel on the way | {2 * conditions} | {rows[0]['spearman']:+.2f} |" in correlation_table(rows)
+
+
+def test_an_interval_needs_a_correlation_without_each_condition():
+    """Four methods that differ under one condition alone."""
+    methods = {
+        name: method(name, (0.9 - 0.1 * n, 0.9, 0.9, 0.9), (0.01 * (1 + n),) * 4, courses=range(4))
+        for n, name in enumerate("abcd")
+    }
+    (row,) = correlate(condition_dots(methods), dots_without_each_course(methods))
+    assert np.isfinite(row["spearman"]) and row["spearman_interval"] is None and row["pearson_interval"] is None
 
 
 def test_values_that_differ_by_rounding_alone_are_equal():
@@ -140,16 +185,11 @@ def test_pearsons_correlation_is_with_the_metric_itself_where_a_dot_has_no_error
     assert "by the logarithm |" not in correlation_table([row])
 
 
-def test_samples_that_hold_dots_several_times_have_the_correlation_of_the_long_list():
-    rng = np.random.default_rng(3)
-    x, y = rng.integers(0, 5, 12).astype(float), rng.normal(size=12)  # x has equal values
-    weights = rng.integers(0, 3, (20, 12)).astype(float)
-    rank, plain = correlation(ranks(x, weights), ranks(y, weights), weights), correlation(x, y, weights)
-    for n, counts in enumerate(weights.astype(int)):
-        a, b = np.repeat(x, counts), np.repeat(y, counts)
-        assert rank[n] == pytest.approx(spearmanr(a, b)[0]) and plain[n] == pytest.approx(pearsonr(a, b)[0])
-    assert np.isnan(correlation(np.ones(12), y, weights)).all()
-    assert correlation(1e-8 * x, y, weights) == pytest.approx(plain)
+def test_a_single_value_has_no_correlation():
+    y = np.random.default_rng(3).normal(size=12)
+    assert np.isnan(correlation(np.ones(12), y)) and np.isnan(correlation(y, np.ones(12)))
+    assert np.isnan(correlation(np.zeros(0), np.zeros(0)))
+    assert correlation(1e-8 * np.arange(12), y) == pytest.approx(pearsonr(np.arange(12), y)[0])
 
 
 def test_within_methods_a_method_that_is_worse_throughout_does_not_count():
@@ -165,14 +205,16 @@ def test_within_methods_a_method_that_is_worse_throughout_does_not_count():
     rows = {row["metric"]: row for row in correlate(dots)}
     of_error, of_rocks = rows["abs_rel"], rows["rocks_missed"]
     assert of_error["spearman"] < -0.4 and of_error["within"] == pytest.approx(1)
-    assert of_error["within_interval"] == pytest.approx([1, 1])
     strongest, other = sorted((of_error, of_rocks), key=lambda row: -abs(row["spearman"]))
     assert (strongest["weaker"], strongest["weaker_interval"]) == (None, None)
     assert other["weaker"] == pytest.approx(abs(strongest["spearman"]) - abs(other["spearman"]))
-    low, high = other["weaker_interval"]
-    assert low < other["weaker"] < high
     alone = correlate([dot for dot in dots if dot["method"] == "good"])
     assert all(row["within"] == pytest.approx(row["spearman"]) for row in alone)
+    for dot in dots:  # a third method, with one error throughout, has no part in it
+        dot["near_ground_as_sky"] = dot["abs_rel"]
+    constant = [{**dot, "method": "same", "near_ground_as_sky": 0.0} for dot in dots if dot["method"] == "good"]
+    rows = {row["metric"]: row for row in correlate([*dots, *constant])}
+    assert rows["near_ground_as_sky"]["within"] == pytest.approx(1)
 
 
 def test_metrics_of_different_dots_are_not_compared():

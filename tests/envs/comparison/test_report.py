@@ -4,7 +4,7 @@ import pytest
 from envs.comparison.methods import DrivenMethod
 from envs.comparison.plots import plot_comparison
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table
-from envs.drives.metrics import newcombe_interval
+from envs.drives.metrics import effective_drives, newcombe_interval, spl_interval, wilson_interval
 
 
 def driven(spls, condition="clear"):
@@ -28,14 +28,16 @@ def test_the_differences_are_paired_by_course():
     ]  # fmt: skip
     less = rows[1]["less"]
     assert less["difference"] == pytest.approx(-0.25) and less["spl_difference"] == pytest.approx(-0.3)
-    low, high = less["spl_interval"]
-    assert low < -0.3 < high <= 0
+    expected = spl_interval(np.array([-0.2, -0.8, -0.2, 0.0]), range(4), least=-1.0)
+    assert less["spl_interval"] == pytest.approx(expected)
     assert rows[0]["less"] is None
     assert rows[0]["success_interval"] == pytest.approx([0.30, 0.95], abs=0.01)  # Wilson's
     assert less["interval"] == list(newcombe_interval(2, 0, 1, 1))
     both = (together(method, driven([1.0, 0.0, 1.0, 0.0], "storm")) for method in (TRUTH, EYES))
     row = compare_methods(dict(zip("ab", both, strict=True)))[-1]
-    assert row["success_interval"] == [0.0, 1.0] and row["less"]["interval"] == [-0.375, 0.0]  # by the bootstrap
+    assert row["success_interval"] == list(wilson_interval(2, 4))  # alike under both conditions, so four drives count
+    number = effective_drives(np.array([0.0, -1, 0, 0, 0, 0, 0, 0]), [*range(4), *range(4)])
+    assert row["less"]["interval"] == pytest.approx(newcombe_interval(*(number / 8 * n for n in (4, 0, 1, 3))))
 
 
 def test_over_all_conditions_each_episode_counts_alike_and_courses_are_drawn_as_one():
@@ -45,7 +47,8 @@ def test_over_all_conditions_each_episode_counts_alike_and_courses_are_drawn_as_
     less = overall["less"]
     assert overall["episodes"] == 5 and overall["spl"] == pytest.approx(4.5 / 5)
     assert less["spl_difference"] == pytest.approx(overall["spl"] - 1)
-    assert less["spl_interval"] == pytest.approx([-0.375, 0])  # course 1 three times, with another one but course 0
+    expected = spl_interval(np.array([0, -0.5, 0, 0, 0]), [0, 1, 2, 3, 0], least=-1.0)
+    assert less["spl_interval"] == pytest.approx(expected)
 
 
 def test_only_episodes_that_all_have_driven_count():
@@ -58,25 +61,24 @@ def test_only_episodes_that_all_have_driven_count():
 
 def test_a_difference_that_is_the_same_everywhere_has_no_interval_but_that_of_success_has():
     table = comparison_table(compare_methods({"first": driven([0.0] * 4), "a|b": driven([0.5] * 4)}))
-    assert "| clear | a\\|b | 4 | 100 % (51 to 100) | 0.500 | +100 points (+31 to +100) | +0.500 |" in table
+    assert "| clear | a\\|b | 4 | 100 % (51 to 100) | 0.50 | +100 points (+31 to +100) | +0.50 |" in table
     assert "The differences are those to first on the same courses" in table
     two = [together(driven([spl] * 4), driven([spl] * 4, "storm")) for spl in (0.0, 0.5)]
-    assert "| all | b | 8 on 4 courses | 100 % | 0.500 | +100 points | +0.500 |" in comparison_table(
-        compare_methods(dict(zip("ab", two, strict=True)))
-    )
+    line = "| all | b | 8 on 4 courses | 100 % (51 to 100) | 0.50 | +100 points (+31 to +100) | +0.50 |"
+    assert line in comparison_table(compare_methods(dict(zip("ab", two, strict=True))))
 
 
 @pytest.mark.parametrize("courses", [1, 3, 4])
-def test_fewer_than_four_courses_have_no_interval_by_the_bootstrap(courses):
+def test_fewer_than_four_courses_have_no_interval_of_spl(courses):
     spls = np.linspace(0.2, 0.8, courses) if courses > 1 else [0.5]
     few = [together(driven(values), driven([1.0] * courses, "storm")) for values in ([0.0] * courses, spls)]
     table = comparison_table(compare_methods(dict(zip("ab", few, strict=True))))
     (clear,) = [line for line in table.splitlines() if line.startswith("| clear | b |")]
     (overall,) = [line for line in table.splitlines() if line.startswith("| all | b |")]
-    assert ("| 0.500 (" in clear) == ("| +0.500 (" in clear) == (courses == 4)
+    assert ("| 0.50 (" in clear) == ("| +0.50 (" in clear) == (courses == 4)
     assert "| 100 % (" in clear and "| +100 points (" in clear  # Wilson's and Newcombe's
-    assert f"| {2 * courses} on {courses} courses | 100 % | 0.750" in overall
-    assert ("+0.250 (" in overall) == (courses == 4)
+    assert f"| {2 * courses} on {courses} courses | 100 % (" in overall
+    assert ("| 0.75 (" in overall) == ("| +0.25 (" in overall) == (courses == 4)
 
 
 def test_episodes_that_a_method_lacks_are_counted():

@@ -2,11 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest, multinomial
+from scipy.stats import binomtest, multinomial, norm
+from scipy.stats import t as student
 
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.metrics import (
     best_and_worst,
+    effective_drives,
     newcombe_interval,
     paired_difference,
     soft_spl,
@@ -85,7 +87,7 @@ def test_with_twenty_courses_the_interval_covers_the_truth_and_the_bootstrap_doe
     for first in range(10):
         for second in range(12):
             gains = np.array([1.0] * first + [-1.0] * second + [0.0] * n)[:n]
-            of_gains[first, second] = interval(resampled_means(gains, draws=1000))
+            of_gains[first, second] = interval(resampled_means(gains, draws=1000), gains.mean(), n)
             for neither in range(n + 1 - first - second):
                 counts = (n - first - second - neither, first, second, neither)
                 chance = multinomial.pmf(counts, n, chances)
@@ -94,6 +96,27 @@ def test_with_twenty_courses_the_interval_covers_the_truth_and_the_bootstrap_doe
                 low, high = of_gains[first, second]
                 bootstrap += chance * (low - 1e-9 <= truth <= high + 1e-9)
     assert newcombe > 0.93 > 0.91 > bootstrap
+
+
+@given(st.integers(5, 40), st.integers(2, 6), st.integers(0, 99))
+def test_drives_that_repeat_themselves_count_as_their_courses(courses, cells, seed):
+    values = (np.random.default_rng(seed).random(courses) < 0.6).astype(float)
+    number = [*range(courses)]
+    assert effective_drives(np.tile(values, cells), number * cells) == courses
+    assert effective_drives(values, number) == courses
+    assert effective_drives(np.ones(courses * cells), number * cells) == courses  # nothing says that they differ
+
+
+def test_drives_that_do_not_depend_on_their_course_count_nearly_all():
+    """The variance over the courses, as of a sample of clusters, and t(29) for z."""
+    values = (np.random.default_rng(2).random((8, 30)) < 0.5).astype(float)
+    sums = values.sum(0) / 240
+    variance = 30 * np.var(sums, ddof=1)
+    expected = values.var() / variance / (student.ppf(0.975, 29) / norm.ppf(0.975)) ** 2
+    assert 30 < expected < 240
+    assert effective_drives(values.ravel(), [*range(30)] * 8) == pytest.approx(expected)
+    against = np.tile([1.0, 0.0], 30)  # each course succeeds in one cell of two
+    assert effective_drives(against, [n for n in range(30) for _ in "ab"]) == 30  # no variance over them to judge by
 
 
 def test_summary_of_four_drives():
@@ -158,7 +181,7 @@ def test_detours_differ_in_spl_where_success_does_not():
     assert summary["difference"] == 0 and summary["courses"] == 10
     assert summary["spl_difference"] == pytest.approx(0.4 * 0.8)
     low, high = summary["spl_interval"]
-    assert 0 < low < 0.32 < high <= 0.4 + 1e-9
+    assert 0 < low < 0.32 < high < 0.45
 
 
 def test_pairing_is_worth_something():
