@@ -4,8 +4,9 @@ A wheel slides over the ground with the velocity v = u - w: its rim moves with u
 The soil pulls it along v with the force H(|v| / |u|), which is the drawbar pull at that slip less that at no slip, and
 holds it back along -u with the resistance at no slip. So a wheel that drives straight has the drawbar pull of its
 table. That the shear stress opposes the sliding velocity, sideways as forwards, is the model of Wong and Chiang (2001)
-for tracks; the soil that the side of a wheel pushes is left out, so wheels slide sideways rather too far. A wheel that
-drives downhill slides forwards by as much as one that thrusts as hard slides back.
+for tracks. Wheels slide sideways too far: the rise of the drawbar pull is less than the shear stress alone would give
+sideways, and the soil that the side of a wheel pushes is left out. A wheel that drives downhill slides forwards by as
+much as one that thrusts as hard slides back.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class Slippage:
         if not speeds.any():
             return
         along = (balance.hub_velocities * balance.rims).sum(axis=1) / np.maximum(speeds, 1e-12)
-        torque = np.maximum(balance.torque, 0) + DRIVE_FRICTION
+        torque = np.maximum(balance.torque + DRIVE_FRICTION, 0)
         self.turned += float(speeds.mean()) * seconds
         self.made += float(along.mean()) * seconds
         self.sideways += float(balance.motion[1] - balance.rims[:, 1].mean()) * seconds
