@@ -35,8 +35,8 @@ def main() -> None:
     support = SupportMap.from_scene(scene, ZHURONG.obstacle_height)
     figure, (up, across, pull) = plt.subplots(1, 3, figsize=(11, 3.4), layout="constrained")
     for soil in SOIL_NAMES:
-        table = wheel_table(soil, ZHURONG.wheel_radius, ZHURONG.wheel_width)
         weight = ZHURONG.mass * GRAVITY / 6
+        table = wheel_table(soil, ZHURONG.wheel_radius, ZHURONG.wheel_width, 6 * weight)
         style = {"color": COLOURS[soil], "label": soil}
         up.plot(np.rad2deg(slopes), 100 * table.slip_on_slope(weight, slopes), **style)
         traction = Traction(scene, ZHURONG, support, soil)
@@ -59,7 +59,9 @@ def sideslip_deg(traction: Traction, slope: float) -> float:
     """Return the angle by which a rover's course lies below its heading when it drives across a slope [rad], [deg]."""
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, np.cos(slope), -np.sin(slope)], [0, np.sin(slope), np.cos(slope)]]
-    motion = traction.balance(traction.grip(pose), traction.rims(SPEED, 0.0)).motion
+    motion = traction.balance(
+        traction.grip(pose, traction.soils_at(ZHURONG.wheel_positions[:, :2])), traction.rims(SPEED, 0.0)
+    ).motion
     return float(np.rad2deg(np.arctan2(abs(motion[1]), motion[0])))
 
 

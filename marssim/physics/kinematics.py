@@ -37,6 +37,7 @@ class Settled:
         yaw: [rad], as in RoverState.
         joints: Angles of the joints.
         wheel_heights: (6,) z of the wheel centres [m].
+        wheel_contacts: (6, 2) x and y of the points at which the wheels rest on ground or rock [m].
         clearance: Least height of the chassis' underside above ground or rock [m]; negative where they overlap.
         residual: Largest gap between a wheel and its support [m]. It exceeds TOLERANCE only where a joint is at its
             stop or a wheel on an edge.
@@ -48,6 +49,7 @@ class Settled:
     yaw: float
     joints: Joints
     wheel_heights: np.ndarray
+    wheel_contacts: np.ndarray
     clearance: float
     residual: float
 
@@ -134,7 +136,8 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
         turn = rotation(roll, pitch, yaw)
         hubs = linkage.hub_positions(rocker, bogie) @ turn.T + (x, y, z)
         under = hubs[:, None, :2] + offsets
-        heights = (support.sample(support.drive, under[..., 0], under[..., 1]) + shape.crown).max(axis=1)
+        lifted = support.sample(support.drive, under[..., 0], under[..., 1]) + shape.crown
+        heights = lifted.max(axis=1)
         gap = heights - hubs[:, 2]
         worst = float(np.abs(gap).max())
         if worst < TOLERANCE or count == ITERATIONS - 1:
@@ -154,7 +157,8 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
     pose[:3, :3], pose[:3, 3] = turn, (x, y, z)
     belly = shape.belly @ turn.T + (x, y, z)
     clearance = float((belly[:, 2] - support.sample(support.top, belly[:, 0], belly[:, 1])).min())
-    return Settled(pose, roll, pitch, yaw, Joints(rocker, bogie), hubs[:, 2], clearance, worst)
+    contacts = under[np.arange(6), lifted.argmax(axis=1)]
+    return Settled(pose, roll, pitch, yaw, Joints(rocker, bogie), hubs[:, 2], contacts, clearance, worst)
 
 
 def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Contacts:

@@ -44,7 +44,7 @@ class LookConfig:
     bedding: Range = (0.0, 0.4)
     """How clearly the faces of rocks show level beds, LOW HIGH: 0 shows none, 1 the most."""
     bedrock: Range = (0.0, 0.2)
-    """Share of the ground that the wind has swept, LOW HIGH, 0 to 1. Plates of bedrock show on a third to four fifths
+    """Share of the ground that the wind has swept, LOW HIGH, 0 to 1. Plates of bedrock show on a quarter to four fifths
     of the swept ground."""
     rock_dust: Range = (0.1, 0.6)
     """How much dust clings to the sides of the dustiest rocks, LOW HIGH: 0 has none, 1 the most. Dust lies on the tops

@@ -4,9 +4,9 @@ A wheel slides over the ground with the velocity v = u - w: its rim moves with u
 The soil pulls it along v with the force H(|v| / |u|), which is the drawbar pull at that slip less that at no slip, and
 holds it back along -u with the resistance at no slip. So a wheel that drives straight has the drawbar pull of its
 table. That the shear stress opposes the sliding velocity, sideways as forwards, is the model of Wong and Chiang (2001)
-for tracks. Wheels slide sideways too far: the rise of the drawbar pull is less than the shear stress alone would give
-sideways, and the soil that the side of a wheel pushes is left out. A wheel that drives downhill slides forwards by as
-much as one that thrusts as hard slides back.
+for tracks. Across u, the force is greater by a factor, since there the shear stress does not dig the wheel in. The soil
+that the side of a wheel pushes is left out. A wheel that drives downhill slides forwards by as much as one that thrusts
+as hard slides back.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FIRM = 1e-3  # slip below which the secant of the pull is that at this slip
 
 
 @compiled
-def balanced_motion(hubs, rims, pull, resistance, push, inertia, start):
+def balanced_motion(hubs, rims, pull, side, resistance, push, inertia, start):
     """Return the motion of the rover, the slip of each wheel, and the force of the soil on each wheel.
 
     Without inertia, the motion is the quasi-static one. Where the weight exceeds what the soil holds, the rover slides.
@@ -33,6 +33,7 @@ def balanced_motion(hubs, rims, pull, resistance, push, inertia, start):
         hubs: (N, 2) places of the wheels in the body frame [m].
         rims: (N, 2) velocities of the rims, forwards where the wheel drives forwards, in the body frame [m/s].
         pull: (N, S) H of the wheels [N] at the slips (i / (S - 1)) ** 2; 0 at the first.
+        side: (N,) factor of H across the rims' velocities, above 0. Wheels that do not turn have none.
         resistance: (N,) force along -u [N].
         push: (3,) other forces in the body's plane [N], and their moment about its z [N m].
         inertia: (3,) mass over time step [kg/s], twice, and moment of inertia over time step [kg m2/s]; 0 without.
@@ -62,19 +63,27 @@ def balanced_motion(hubs, rims, pull, resistance, push, inertia, start):
             before, after = (low / steps) ** 2, ((low + 1) / steps) ** 2
             value = pull[n, low] + (pull[n, low + 1] - pull[n, low]) * (some - before) / (after - before)
             damping = value / (some * fast)  # beyond a slip of 1, the pull grows in proportion
-            hold = resistance[n] / max(speed[n], 1e-9) if speed[n] > 0 else 0.0
-            force[n, 0] = damping * slide_x - hold * rims[n, 0]
-            force[n, 1] = damping * slide_y - hold * rims[n, 1]
-            first, second = damping * rims[n, 0] - hold * rims[n, 0], damping * rims[n, 1] - hold * rims[n, 1]
+            along_x, along_y, hold, across = 0.0, 0.0, 0.0, 0.0
+            if speed[n] > 1e-9:
+                along_x, along_y, hold = rims[n, 0] / speed[n], rims[n, 1] / speed[n], resistance[n]
+                across = damping * (side[n] - 1)
+            # the damper as a symmetric matrix: more of it across the rim's velocity
+            xx, yy = damping + across * along_y**2, damping + across * along_x**2
+            xy = -across * along_x * along_y
+            force[n, 0] = xx * slide_x + xy * slide_y - hold * along_x
+            force[n, 1] = xy * slide_x + yy * slide_y - hold * along_y
+            first = xx * rims[n, 0] + xy * rims[n, 1] - hold * along_x
+            second = xy * rims[n, 0] + yy * rims[n, 1] - hold * along_y
             right[0] += first
             right[1] += second
             right[2] += x * second - y * first
-            matrix[0, 0] += damping
-            matrix[1, 1] += damping
-            matrix[2, 2] += damping * (x * x + y * y)
-            matrix[0, 2] -= damping * y
-            matrix[1, 2] += damping * x
-        matrix[2, 0], matrix[2, 1] = matrix[0, 2], matrix[1, 2]
+            matrix[0, 0] += xx
+            matrix[0, 1] += xy
+            matrix[1, 1] += yy
+            matrix[0, 2] += xy * x - xx * y
+            matrix[1, 2] += yy * x - xy * y
+            matrix[2, 2] += yy * x * x - 2 * xy * x * y + xx * y * y
+        matrix[1, 0], matrix[2, 0], matrix[2, 1] = matrix[0, 1], matrix[0, 2], matrix[1, 2]
         following = np.linalg.solve(matrix, right)
         change = np.abs(following - motion).max()
         motion = following

@@ -1,9 +1,10 @@
 """Soil under the wheels of a rover in PyBullet: forces of the tables in place of Coulomb's friction with the ground.
 
 PyBullet keeps the wheels on the surface and drives over rocks with its own friction. On the ground, it knows no
-friction here: before each step, each wheel is pushed by what the soil does to it at its present slip. The forces are
-those at the end of the step (implicit Euler), as friction that builds up within a few mm/s would shake the rover
-otherwise.
+friction here: before each step, each wheel is pushed by what the soil does to it at its present slip. A wheel that
+rests on a rock too has the soil's grip by the share of its load that the ground bears, and one in the air has none. The
+forces are those at the end of the step (implicit Euler), as friction that builds up within a few mm/s would shake the
+rover otherwise.
 """
 
 from __future__ import annotations
@@ -43,11 +44,13 @@ class SoilForces:
             ground: "scene" for the scene's own soils, or the soil that lies everywhere instead.
         """
         self._world, self._p, self._client = world, world.bullet, world.client
+        self._wheel_of = {joint: wheel for wheel, joint in enumerate(wheels)}
         self._body, self._wheels, self._steers, self._middle = body, wheels, steers, middle
         self._traction = Traction(world.scene, world.spec, world.support, ground)
         self._inertia = np.array([world.spec.mass, world.spec.mass, YAW_INERTIA]) / world.time_step
         self._grip: Grip | None = None
         self._steps = 0
+        self._borne = np.zeros(6)  # sums over the steps of the loads of the wheels that the ground bears [N]
         self.slippage = Slippage()
         self.apply()
         world.watch(self.is_at_rest, self.apply)
@@ -69,10 +72,14 @@ class SoilForces:
         p, client, radius = self._p, self._client, self._world.spec.wheel_radius
         position, quaternion = p.getBasePositionAndOrientation(self._body, physicsClientId=client)
         turn = np.array(p.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+        self._borne += self._loads()
         if self._grip is None or self._steps % REFRESH == 0:
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = turn, np.array(position) - turn @ self._middle
-            self._grip = self._traction.grip(pose, rocks=False)
+            at = self._world.spec.wheel_positions @ turn.T + pose[:3, 3]
+            loads = self._borne / REFRESH if self._steps else None
+            self._grip = self._traction.grip(pose, self._traction.soils.at(at[:, 0], at[:, 1]), loads)
+            self._borne = np.zeros(6)
         self._steps += 1
         linear, angular = p.getBaseVelocity(self._body, physicsClientId=client)
         spin = turn.T @ np.array(angular)
@@ -87,6 +94,16 @@ class SoilForces:
             p.applyExternalForce(self._body, wheel, force.tolist(), contact, p.WORLD_FRAME, physicsClientId=client)
         step = self._world.time_step
         self.slippage.add(balance, radius, step, step * turn[:2, :2] @ rims.mean(axis=0))
+
+    def _loads(self) -> np.ndarray:
+        """Return the loads of the wheels that the ground bore in the last step, (6,) [N]."""
+        out = np.zeros(6)
+        touched = self._p.getContactPoints(bodyA=self._body, bodyB=self._world.ground, physicsClientId=self._client)
+        for point in touched:
+            wheel = self._wheel_of.get(point[3])
+            if wheel is not None:
+                out[wheel] += point[9]
+        return out
 
     def _rims(self, radius: float) -> np.ndarray:
         """Return the velocities of the wheels' rims in the body frame, (6, 2) [m/s]."""

@@ -15,8 +15,8 @@ from marssim.scene.scene import Scene
 GroundName = Literal["scene", "sand", "crust", "bedrock"]
 GROUND_NAMES: tuple[GroundName, ...] = get_args(GroundName)
 EXPOSED = 0.12  # how swept the ground is from which on plates of bedrock stand out fully; they begin to at 0
-FULLY_SWEPT = 1.3  # how swept it is where the wind takes no more
-PLATES = (0.35, 0.8)  # share of the swept ground that plates cover where they begin to stand out, and fully swept
+SWEPT = (0.0, 0.15, 0.25, 0.45, 0.85, 1.05, 1.25, 1.45)  # how swept the ground is, at which
+PLATES = (0.08, 0.125, 0.173, 0.305, 0.663, 0.815, 0.912, 0.945)  # plates cover this share of it: as they are drawn
 ON_ROCK = 0.01  # [m] height of the surface over the ground from which on a wheel stands on a rock
 
 
@@ -52,7 +52,7 @@ class SoilMap:
         bedrock = np.zeros_like(cover.sand)
         if scene.look.bedrock > 0:
             ramp = np.clip(cover.swept / EXPOSED, 0, 1)
-            bare = np.interp(cover.swept, (0, FULLY_SWEPT), PLATES)
+            bare = np.interp(cover.swept, SWEPT, PLATES)
             bedrock = np.minimum(ramp * ramp * (3 - 2 * ramp) * bare, 1 - cover.drift)
         sand = cover.sand * (1 - bedrock)
         return cls(np.stack([sand, 1 - sand - bedrock, bedrock], axis=-1), cover.start)

@@ -14,9 +14,10 @@ import numpy as np
 from marssim.physics.soil.soils import SOILS, Rock, SoilName
 from marssim.physics.soil.wheel import sinkage_under_load, wheel_forces
 
-LOADS = np.geomspace(10.0, 400.0, 12)  # [N] the wheels of a rover of 240 kg bear 150 N on level ground
+LOADS = np.geomspace(0.01, 0.5, 12)  # of the tables, over the weight of the whole rover
 STEPS = 48  # of the tables' slip, which is the square of a share: close together where the pull changes fast
 SLIPS = (np.arange(STEPS + 1) / STEPS) ** 2
+SIDESLIP = 0.15  # sideways speed over that of the rim at which `side` holds: across a slope of 10 deg, roughly
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +34,25 @@ class WheelTable:
     """(L, S) torque of the motor [N m]."""
     sinkage: np.ndarray
     """(L, S) sinkage of the wheel [m]."""
+    side: np.ndarray
+    """(L,) force against a sideways slide over the rise of the pull at a slip as large."""
 
     def at(self, load: np.ndarray) -> np.ndarray:
-        """Return pull, torque and sinkage over slip, (3, N, S), at loads (N,) [N], which are clipped to the table."""
+        """Return pull, torque and sinkage over slip, (3, N, S), at loads (N,) [N].
+
+        Loads above those of the table are clipped. Below, pull and torque vanish with the load.
+        """
         place = np.interp(load, self.loads, np.arange(len(self.loads)))
         low = np.minimum(place.astype(int), len(self.loads) - 2)
         share = (place - low)[:, None]
         every = np.stack([self.pull, self.torque, self.sinkage])
-        return every[:, low] * (1 - share) + every[:, low + 1] * share
+        out = every[:, low] * (1 - share) + every[:, low + 1] * share
+        out[:2] *= np.minimum(load / self.loads[0], 1)[:, None]
+        return out
+
+    def side_at(self, load: np.ndarray) -> np.ndarray:
+        """Return `side` (N,) at loads (N,) [N], which are clipped to the table."""
+        return np.interp(load, self.loads, self.side)
 
     def slip_on_slope(self, weight: float, slope: np.ndarray) -> np.ndarray:
         """Return the slip with which a wheel climbs, 0 to 1: 1 where it does not get up.
@@ -57,7 +69,7 @@ class WheelTable:
 
 
 @lru_cache(maxsize=32)
-def wheel_table(soil: SoilName, radius: float, width: float) -> WheelTable:
+def wheel_table(soil: SoilName, radius: float, width: float, weight: float) -> WheelTable:
     """Compute the table of a wheel on a soil, or return it from memory.
 
     On rock, the pull is the friction coefficient times the load, built up over the slip as on soil; nothing sinks, and
@@ -67,11 +79,16 @@ def wheel_table(soil: SoilName, radius: float, width: float) -> WheelTable:
         soil: Name of the soil.
         radius: Radius of the wheel [m].
         width: Width of the wheel [m].
+        weight: Weight of the whole rover [N]. The largest load of the table is half of it.
     """
-    ground, load, slip = SOILS[soil], LOADS[:, None], SLIPS[None, :]
+    ground, loads = SOILS[soil], weight * LOADS
+    load, slip = loads[:, None], SLIPS[None, :]
     if isinstance(ground, Rock):
         pull = ground.friction * load * (1 - np.exp(-slip / ground.creep))
-        return WheelTable(LOADS, SLIPS, pull, radius * pull, np.zeros_like(pull))
-    sinkage = sinkage_under_load(ground, radius, width, load, slip)
-    forces = wheel_forces(ground, radius, width, sinkage, slip)
-    return WheelTable(LOADS, SLIPS, forces.pull, forces.torque, sinkage)
+        return WheelTable(loads, SLIPS, pull, radius * pull, np.zeros_like(pull), np.ones_like(loads))
+    size = radius, width
+    sinkage = sinkage_under_load(ground, *size, load, slip)
+    forces = wheel_forces(ground, *size, sinkage, slip)
+    sideways = wheel_forces(ground, *size, sinkage_under_load(ground, *size, loads, 0.0, SIDESLIP), 0.0, SIDESLIP)
+    rise = [np.interp(SIDESLIP, SLIPS, pull - pull[0]) for pull in forces.pull]
+    return WheelTable(loads, SLIPS, forces.pull, forces.torque, sinkage, sideways.side / rise)

@@ -26,6 +26,8 @@ class Grip:
 
     pull: np.ndarray
     """(6, S) drawbar pull less that without slip [N]; it does not fall with the slip."""
+    side: np.ndarray
+    """(6,) factor of this pull against a sideways slide."""
     resistance: np.ndarray
     """(6,) force with which the soil holds back a wheel that does not slip [N]."""
     torque: np.ndarray
@@ -71,25 +73,34 @@ class Traction:
         self.spec, self.support = spec, support
         self.soils = SoilMap.of(scene, ground)
         self._hubs = np.ascontiguousarray(spec.wheel_positions[:, :2])
-        self._tables = [wheel_table(name, spec.wheel_radius, spec.wheel_width) for name in SOIL_NAMES]
+        size = spec.wheel_radius, spec.wheel_width, spec.mass * GRAVITY
+        self._tables = [wheel_table(name, *size) for name in SOIL_NAMES]
 
-    def grip(self, pose: np.ndarray, rocks: bool = True) -> Grip:
+    def soils_at(self, places: np.ndarray) -> np.ndarray:
+        """Return the shares of the soils (N, 3) at places (N, 2) [m]; a rock counts as bedrock."""
+        x, y = places.T
+        rock = np.arange(len(SOIL_NAMES)) == ROCK
+        return np.where(on_rock(self.support, x, y)[:, None], rock, self.soils.at(x, y))
+
+    def grip(self, pose: np.ndarray, soils: np.ndarray, loads: np.ndarray | None = None) -> Grip:
         """Return what the wheels find under them.
 
         Args:
             pose: (4, 4) body to world.
-            rocks: Whether a wheel on a rock has the grip of bedrock. Otherwise it has none.
+            soils: (6, 3) shares of the soils under the wheels, as of `soils_at`.
+            loads: (6,) loads of the wheels that these bear [N]; None for those of a rover at rest, as of `wheel_loads`.
         """
-        places = self._hubs @ pose[:2, :2].T + pose[:2, 3]
-        shares = self.soils.at(places[:, 0], places[:, 1])
-        raised = on_rock(self.support, places[:, 0], places[:, 1])
-        shares = np.where(raised[:, None], float(rocks) * (np.arange(len(SOIL_NAMES)) == ROCK), shares)
         weight = -self.spec.mass * GRAVITY * pose[2, :3]
-        loads = wheel_loads(self.spec, weight)
-        tables = [table.at(loads) * shares[:, i, None] for i, table in enumerate(self._tables) if shares[:, i].any()]
-        pull, torque, sinkage = sum(tables) if tables else np.zeros((3, 6, len(SLIPS)))
+        if loads is None:
+            loads = wheel_loads(self.spec, weight)
+        pull, torque, sinkage = np.zeros((3, 6, len(SLIPS)))
+        side = np.ones(6)
+        for table, share in zip(self._tables, soils.T):
+            if share.any():
+                pull, torque, sinkage = np.stack([pull, torque, sinkage]) + table.at(loads) * share[:, None]
+                side = side + (table.side_at(loads) - 1) * share
         rising = np.maximum.accumulate(pull - pull[:, :1], axis=1)
-        return Grip(rising, np.maximum(-pull[:, 0], 0), torque, sinkage, weight)
+        return Grip(rising, side, np.maximum(-pull[:, 0], 0), torque, sinkage, weight)
 
     def rims(self, speed: float, yaw_rate: float, lateral: float = 0.0) -> np.ndarray:
         """Return the velocities of the rims (6, 2) [m/s] of wheels that are steered and turn for a motion.
@@ -114,7 +125,9 @@ class Traction:
         """
         first = np.array([*rims.mean(axis=0), 0.0]) if start is None else start
         push = np.array([grip.weight[0], grip.weight[1], 0.0])
-        motion, slip, force = balanced_motion(self._hubs, rims, grip.pull, grip.resistance, push, inertia, first)
+        motion, slip, force = balanced_motion(
+            self._hubs, rims, grip.pull, grip.side, grip.resistance, push, inertia, first
+        )
         hubs = _velocities(self._hubs, motion)
         at = np.sqrt(np.clip(slip, 0, 1)) * (len(SLIPS) - 1)
         low = np.minimum(at.astype(int), len(SLIPS) - 2)

@@ -5,11 +5,15 @@ import pytest
 
 from marssim.base.rover_spec import ZHURONG
 from marssim.engines.bullet import pybullet_is_installed
-from marssim.physics.kinematics import KinematicRover
+from marssim.physics.kinematics import KinematicRover, settle
 from marssim.physics.rover import Rover
 from marssim.physics.slipping_rover import SlippingRover
-from marssim.physics.soil.soils import SOIL_NAMES
-from marssim.physics.world import PhysicsWorld
+from marssim.physics.soil.loads import wheel_loads
+from marssim.physics.soil.soils import SOIL_NAMES, SOILS
+from marssim.physics.soil.traction import Traction
+from marssim.physics.soil.wheel import sinkage_under_load, wheel_forces
+from marssim.physics.support import SupportMap
+from marssim.physics.world import GRAVITY, PhysicsWorld
 from nav.controller import wheel_command
 
 needs_bullet = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed here")
@@ -56,13 +60,34 @@ def test_a_rover_slides_down_where_it_drives_across(slope):
     for degrees, least, most in ((5, 2, 5), (10, 5, 10), (15, 9, 18)):
         way, _, slippage = settled_drive(slope(degrees), "sand", np.pi / 2)
         angle = np.rad2deg(np.arctan2(slippage.sideways, way[1]))
-        assert way[0] < 0 and least < angle < most
+        assert least < angle < most
+        downhill = -way[0] / np.cos(np.deg2rad(degrees))
+        assert downhill == pytest.approx(slippage.sideways, abs=2e-3)
     assert settled_drive(slope(15), "bedrock", np.pi / 2)[2].sideways < 0.01
+
+
+@pytest.mark.parametrize("soil", ["sand", "crust"])
+def test_across_a_slope_the_stresses_under_the_wheels_hold_the_rover(slope, soil):
+    """Those of six wheels that slide sideways as it does bear the weight's part down the slope."""
+    angle = np.deg2rad(10)
+    way, _, slippage = settled_drive(slope(10), soil, np.pi / 2)
+    size, slide = (ZHURONG.wheel_radius, ZHURONG.wheel_width), slippage.sideways / way[1]
+    weight = ZHURONG.mass * GRAVITY
+    loads = wheel_loads(ZHURONG, weight * np.array([0, np.sin(angle), -np.cos(angle)]))
+    sinkage = sinkage_under_load(SOILS[soil], *size, loads, 0.0, slide)
+    held = wheel_forces(SOILS[soil], *size, sinkage, 0.0, slide).side.sum()
+    assert held == pytest.approx(weight * np.sin(angle), rel=0.07)
 
 
 def test_a_rover_that_drives_down_slides_further_than_its_wheels_turn(slope):
     way, _, slippage = settled_drive(slope(10), "sand", np.pi)
     assert slippage.slip < -0.02 and way[0] < -SPEED * SECONDS * np.cos(np.deg2rad(10))
+
+
+def test_a_drive_costs_less_the_steeper_it_goes_down(slope):
+    """The slope pushes, so the wheels thrust less, and slide forwards without torque in the end."""
+    level, gentle, steep = (settled_drive(slope(degrees), "sand", np.pi)[2].energy for degrees in (0, 5, 10))
+    assert level > 1.2 * gentle > 1.2 * 1.2 * steep > 0
 
 
 def test_on_level_bedrock_the_rover_moves_as_without_slip(slope):
@@ -105,6 +130,36 @@ def test_a_turning_rover_turns_less_in_sand_and_slides_down(slope):
     rover = SlippingRover(slope(10), ZHURONG, 0.0, 0.0, 0.0, ground="sand")
     rover.drive_twist(0.0, 0.25, SECONDS)
     assert 0.4 < rover.state().yaw < 0.49 and -0.1 < rover.state().position[0] < -0.02
+
+
+@pytest.mark.parametrize("drive", [settled_drive, pytest.param(bullet_drive, marks=needs_bullet)])
+def test_a_wheel_on_a_rock_does_not_sink(make_scene, drive):
+    """A low dome lies under one wheel of six, and bears what it bore."""
+    hub = ZHURONG.wheel_positions[0]
+    dome = (hub[0] + 0.3, hub[1], -2.92, 3.0)
+    sand, rock = (drive(make_scene(half=5.0, balls=balls), "sand", 0.0)[2].sinkage for balls in ([], [dome]))
+    assert 0.78 < rock / sand < 0.92
+
+
+def test_a_wheel_on_the_edge_of_a_rock_stands_on_the_rock(make_scene):
+    hub = ZHURONG.wheel_positions[0]
+    sinkage = []
+    for balls in ([], [(hub[0] + 0.16, hub[1], 0.0, 0.08)]):
+        rover = SlippingRover(make_scene(half=5.0, balls=balls), ZHURONG, 0.0, 0.0, 0.0, ground="sand")
+        rover.drive_twist(0.02, 0.0, 0.5)
+        sinkage.append(rover.slippage().sinkage)
+    assert 0.78 < sinkage[1] / sinkage[0] < 0.88
+
+
+def test_a_wheel_touches_a_rock_before_it_is_above_it(make_scene):
+    hub = ZHURONG.wheel_positions[0]
+    place = make_scene(half=5.0, balls=[(hub[0] + 0.16, hub[1], 0.0, 0.08)])
+    support = SupportMap.from_scene(place, ZHURONG.obstacle_height)
+    contacts = settle(support, ZHURONG, 0.0, 0.0, 0.0).wheel_contacts
+    ahead = contacts - ZHURONG.wheel_positions[:, :2]
+    assert 0.05 < ahead[0, 0] < 0.15 and np.abs(ahead[1:, 0]).max() < 0.01
+    traction = Traction(place, ZHURONG, support, "sand")
+    np.testing.assert_array_equal(traction.soils_at(contacts), [[0, 0, 1]] + [[1, 0, 0]] * 5)
 
 
 @needs_bullet

@@ -13,27 +13,33 @@ WEIGHT = ZHURONG.mass * GRAVITY
 AHEAD = np.tile([0.2, 0.0], (6, 1))
 
 
-def grip(soil, load=WEIGHT / 6):
-    pull = wheel_table(soil, ZHURONG.wheel_radius, ZHURONG.wheel_width).at(np.full(6, load))[0]
-    return np.maximum.accumulate(pull - pull[:, :1], axis=1), np.maximum(-pull[:, 0], 0)
+def grip(soil, load=WEIGHT / 6, side=1.0):
+    pull = table(soil).at(np.full(6, load))[0]
+    return np.maximum.accumulate(pull - pull[:, :1], axis=1), np.full(6, side), np.maximum(-pull[:, 0], 0)
 
 
-def motion_under(push, rims=AHEAD, soil="sand"):
-    return balanced_motion(HUBS, rims, *grip(soil), np.asarray(push, float), np.zeros(3), np.zeros(3))
+def table(soil):
+    return wheel_table(soil, ZHURONG.wheel_radius, ZHURONG.wheel_width, WEIGHT)
 
 
+def motion_under(push, rims=AHEAD, soil="sand", side=1.0):
+    grip_of = grip(soil, side=side)
+    return balanced_motion(HUBS, rims, *grip_of, np.asarray(push, float), np.zeros(3), np.zeros(3))
+
+
+@pytest.mark.parametrize("side", [1.0, 1.4])
 @pytest.mark.parametrize("soil", SOIL_NAMES)
 @pytest.mark.parametrize("push", [(0, 0, 0), (-150, 0, 0), (120, 30, 0), (-60, -110, 40)])
-def test_the_forces_of_the_soil_balance_the_push(soil, push):
-    _, _, force = motion_under(push, soil=soil)
+def test_the_forces_of_the_soil_balance_the_push(soil, push, side):
+    rims = AHEAD @ np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]])
+    _, _, force = motion_under(push, rims, soil, side)
     moment = HUBS[:, 0] * force[:, 1] - HUBS[:, 1] * force[:, 0]
     np.testing.assert_allclose([*force.sum(axis=0), moment.sum()], -np.array(push, float), atol=0.05)
 
 
 def test_a_push_from_behind_loses_way_as_the_table_says():
     """The six wheels are alike, so each bears a sixth, at the slip where its drawbar pull is that."""
-    pull = wheel_table("sand", ZHURONG.wheel_radius, ZHURONG.wheel_width).at(np.array([WEIGHT / 6]))[0][0]
-    slips = wheel_table("sand", ZHURONG.wheel_radius, ZHURONG.wheel_width).slips
+    pull, slips = table("sand").at(np.array([WEIGHT / 6]))[0][0], table("sand").slips
     for push in (0.0, -60.0, -150.0):
         motion, slip, _ = motion_under((push, 0, 0))
         assert 1 - motion[0] / 0.2 == pytest.approx(np.interp(-push / 6, pull, slips), abs=1e-3)
@@ -48,6 +54,20 @@ def test_a_push_from_the_side_slides_the_rover_and_costs_it_little_way():
     np.testing.assert_allclose(mirrored * (1, -1, -1), motion, atol=1e-6)
 
 
+def test_a_soil_that_holds_more_across_holds_a_push_from_the_side_by_that_factor():
+    """The slide that a push of 150 N gives is that of 150 N times the factor, in any heading of the wheels."""
+    for angle in (0.0, 0.7):
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        left = np.array([0.0, 1.0]) @ turn
+        plain = motion_under((*-100 * left, 0), AHEAD @ turn)[0]
+        held = motion_under((*-140 * left, 0), AHEAD @ turn, side=1.4)[0]
+        np.testing.assert_allclose(held, plain, atol=1e-6)
+
+
+def test_what_soil_holds_across_matters_to_no_wheel_that_drives_straight():
+    np.testing.assert_allclose(motion_under((-150, 0, 0), side=1.4)[0], motion_under((-150, 0, 0))[0], atol=1e-9)
+
+
 def test_a_rover_slides_back_where_the_soil_cannot_hold_it():
     motion, slip, _ = motion_under((-600, 0, 0))
     assert motion[0] < 0 and (slip > 1).all()
@@ -60,13 +80,13 @@ def test_braked_wheels_hold_the_rover_on_a_slope():
 
 def test_wheels_on_rock_pull_those_in_sand_along():
     sand, rock = grip("sand"), grip("bedrock")
-    pull, resistance = sand[0].copy(), sand[1].copy()
-    pull[:2], resistance[:2] = rock[0][:2], rock[1][:2]
+    pull, side, resistance = (part.copy() for part in sand)
+    pull[:2], resistance[:2] = rock[0][:2], rock[2][:2]
     push = np.array([-200.0, 0.0, 0.0])
-    mixed = balanced_motion(HUBS, AHEAD, pull, resistance, push, np.zeros(3), np.zeros(3))[0]
+    mixed = balanced_motion(HUBS, AHEAD, pull, side, resistance, push, np.zeros(3), np.zeros(3))[0]
     assert motion_under(push)[0][0] < mixed[0] < motion_under(push, soil="bedrock")[0][0]
-    left = pull.copy(), resistance.copy()
-    left[0][1], left[1][1] = sand[0][1], sand[1][1]  # only the left front wheel stands on rock: the rover turns right
+    left = pull.copy(), side, resistance.copy()
+    left[0][1], left[2][1] = sand[0][1], sand[2][1]  # only the left front wheel stands on rock: the rover turns right
     assert balanced_motion(HUBS, AHEAD, *left, push, np.zeros(3), np.zeros(3))[0][2] < -1e-3
 
 

@@ -3,9 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from marssim.base.compute.compiled import compiled
 from marssim.base.rover_spec import ZHURONG
 from marssim.physics.soil.soil_map import SoilMap, on_rock
 from marssim.physics.support import SupportMap
+from marssim.render.relief.ground import ground_relief
+from marssim.render.relief.height import height_at
 from marssim.scene.ground.cover import ground_cover
 from marssim.scene.presets import preset
 from marssim.scene.scene import build_scene
@@ -24,7 +27,28 @@ def test_the_shares_add_up_and_follow_what_the_scene_shows():
     assert soils.shares.min() >= 0 and soils.shares[..., 2].max() > 0.5
     sandy, swept = cover.sand > 0.95, cover.swept > 0.5
     assert soils.shares[sandy & (cover.swept <= 0)][:, 0].min() > 0.9
-    assert soils.shares[swept & (cover.drift == 0)][:, 2].min() > 0.4
+    assert soils.shares[swept & (cover.drift == 0)][:, 2].min() > 0.3
+
+
+@compiled
+def drawn_plates(data, relief, x, y):
+    """Return where a pixel of 5 mm at x, y (N,) shows bedrock, (N,) 0 to 1."""
+    out = np.empty(len(x))
+    for k in range(len(x)):
+        out[k] = height_at(data, relief, np.float32(x[k]), np.float32(y[k]), np.float32(0.005), True)[6]
+    return out
+
+
+@pytest.mark.parametrize("bedrock", [0.15, 0.4, 0.9])
+def test_the_share_of_bedrock_is_the_drawn_one(bedrock):
+    """Over the whole scene, and on ground that is swept little and much."""
+    place = scene(bedrock=bedrock)
+    x, y = np.random.default_rng(0).uniform(-6, 6, (2, 40_000))
+    ground = ground_relief(place)
+    drawn, share = drawn_plates(ground.data, ground.relief, x, y), SoilMap.of(place).at(x, y)[:, 2]
+    assert share.mean() == pytest.approx(drawn.mean(), abs=0.03)
+    for part in (share < 0.2, share > 0.5):
+        assert part.sum() < 400 or share[part].mean() == pytest.approx(drawn[part].mean(), abs=0.05)
 
 
 def test_a_scene_without_bedrock_has_none_and_one_without_sand_is_crust():

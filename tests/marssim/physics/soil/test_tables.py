@@ -5,12 +5,13 @@ import pytest
 
 from marssim.base.rover_spec import ZHURONG
 from marssim.physics.soil.soils import BEDROCK, SOIL_NAMES, SOILS
-from marssim.physics.soil.tables import LOADS, SLIPS, wheel_table
+from marssim.physics.soil.tables import SLIPS, wheel_table
 from marssim.physics.soil.wheel import sinkage_under_load, wheel_forces
 from marssim.physics.world import GRAVITY
 
 WEIGHT = ZHURONG.mass * GRAVITY / 6
-TABLES = {name: wheel_table(name, ZHURONG.wheel_radius, ZHURONG.wheel_width) for name in SOIL_NAMES}
+SIZE = ZHURONG.wheel_radius, ZHURONG.wheel_width, ZHURONG.mass * GRAVITY
+TABLES = {name: wheel_table(name, *SIZE) for name in SOIL_NAMES}
 
 
 def slip_deg(soil, *slopes):
@@ -55,23 +56,53 @@ def test_a_wheel_on_a_slope_is_in_balance(soil):
     """The soil's own integral, at the slip that the table gives: pull against the weight's part along the slope."""
     slope = np.deg2rad([2.0, 8.0, 14.0])
     slip, load = TABLES[soil].slip_on_slope(WEIGHT, slope), WEIGHT * np.cos(slope)
-    size = ZHURONG.wheel_radius, ZHURONG.wheel_width
-    sinkage = sinkage_under_load(SOILS[soil], *size, load, slip)
-    forces = wheel_forces(SOILS[soil], *size, sinkage, slip)
+    sinkage = sinkage_under_load(SOILS[soil], *SIZE[:2], load, slip)
+    forces = wheel_forces(SOILS[soil], *SIZE[:2], sinkage, slip)
     np.testing.assert_allclose(forces.support, load, rtol=1e-6)
     np.testing.assert_allclose(forces.pull, WEIGHT * np.sin(slope), atol=0.005 * WEIGHT)
 
 
 def test_tables_are_computed_once_and_alike():
-    size = ZHURONG.wheel_radius, ZHURONG.wheel_width
-    assert wheel_table("sand", *size) is TABLES["sand"]
-    again = wheel_table.__wrapped__("sand", *size)
+    assert wheel_table("sand", *SIZE) is TABLES["sand"]
+    again = wheel_table.__wrapped__("sand", *SIZE)
     np.testing.assert_array_equal(again.pull, TABLES["sand"].pull)
 
 
 def test_between_loads_the_table_is_interpolated_and_beyond_them_clipped():
     table = TABLES["sand"]
-    pull, torque, sinkage = table.at(LOADS[[0, 3, -1]])
+    pull, torque, sinkage = table.at(table.loads[[0, 3, -1]])
     np.testing.assert_allclose(pull, table.pull[[0, 3, -1]])
     assert torque.shape == sinkage.shape == (3, len(SLIPS))
     np.testing.assert_allclose(table.at(np.array([1.0, 1e4]))[2], table.sinkage[[0, -1]])
+    np.testing.assert_allclose(table.at(np.array([1e4]))[0], table.pull[[-1]])
+
+
+@pytest.mark.parametrize("soil", SOIL_NAMES)
+def test_a_wheel_in_the_air_pulls_nothing(soil):
+    pull, torque, _ = TABLES[soil].at(np.array([0.0, TABLES[soil].loads[0] / 2]))
+    assert not pull[0].any() and not torque[0].any()
+    np.testing.assert_allclose(pull[1], TABLES[soil].pull[0] / 2)
+
+
+def test_the_tables_hold_every_load_of_a_heavier_rover():
+    heavy = wheel_table("sand", *SIZE[:2], 4 * SIZE[2])
+    assert heavy.loads[-1] == pytest.approx(2 * SIZE[2])
+    assert heavy.at(np.array([SIZE[2] / 6]))[0, 0, -1] == pytest.approx(
+        TABLES["sand"].at(np.array([SIZE[2] / 6]))[0, 0, -1], rel=0.02
+    )
+
+
+@pytest.mark.parametrize(("soil", "least", "most"), [("sand", 1.2, 1.35), ("crust", 1.05, 1.2), ("bedrock", 1, 1)])
+def test_soil_holds_a_wheel_more_across_than_along(soil, least, most):
+    assert least <= TABLES[soil].side_at(np.array([WEIGHT]))[0] <= most
+
+
+@pytest.mark.parametrize("soil", ["sand", "crust"])
+@pytest.mark.parametrize("slide", [0.05, 0.1, 0.2])
+def test_the_force_across_is_the_integral_of_the_stresses(soil, slide):
+    """A wheel that slides sideways by 5 to 20 % of its way, within 8 %."""
+    sinkage = sinkage_under_load(SOILS[soil], *SIZE[:2], WEIGHT, 0.0, slide)
+    integral = float(wheel_forces(SOILS[soil], *SIZE[:2], sinkage, 0.0, slide).side)
+    pull = TABLES[soil].at(np.array([WEIGHT]))[0][0]
+    table = TABLES[soil].side_at(np.array([WEIGHT]))[0] * np.interp(slide, SLIPS, pull - pull[0])
+    assert table == pytest.approx(integral, rel=0.08)

@@ -66,3 +66,21 @@ def test_forces_of_arrays_are_those_of_their_numbers():
     every = wheel_forces(SAND, RADIUS, WIDTH, sinkage, slip)
     assert every.pull.shape == (2, 3)
     np.testing.assert_allclose(every.pull[1, 2], wheel_forces(SAND, RADIUS, WIDTH, 0.02, 0.8).pull, rtol=1e-12)
+
+
+def test_a_wheel_that_slides_sideways_is_held_by_cohesion_alone_with_all_of_it():
+    """With its full shear stress at once, F = r b c (theta_f - theta_r), in the direction of the slide."""
+    soil = replace(BEKKER, cohesion=800.0, shear_modulus=1e-6, rebound=0.05)
+    sinkage = 0.02
+    angle = np.arccos(1 - sinkage / RADIUS) + np.arccos(1 - 0.05 * sinkage / RADIUS)
+    fast = wheel_forces(soil, RADIUS, WIDTH, sinkage, 0.0, 100.0)
+    assert float(fast.side) == pytest.approx(RADIUS * WIDTH * 800.0 * angle, rel=0.01)
+    assert abs(float(fast.torque)) < 0.01 * RADIUS * float(fast.side)
+    assert not wheel_forces(soil, RADIUS, WIDTH, sinkage, 0.3).side.any()
+
+
+@pytest.mark.parametrize("soil", [SAND, CRUST])
+def test_a_slide_to_the_side_takes_thrust_from_a_wheel(soil):
+    straight, sideways = (wheel_forces(soil, RADIUS, WIDTH, 0.02, 0.2, slide) for slide in (0.0, 0.5))
+    assert sideways.pull < straight.pull and sideways.torque < straight.torque
+    assert float(sideways.side) > 0
