@@ -118,6 +118,21 @@ def sampled(features: Tensor, place: Tensor) -> Tensor:
     return F.grid_sample(features, grid, align_corners=True)
 
 
+def multiplied(maps: Tensor, factor: int, size: Sequence[int] | None = None) -> Tensor:
+    """Return maps (B, C, h, w) at `factor` times the size, where cell k of the old grid is cell factor k.
+
+    Args:
+        maps: The maps; beyond the last cells, they stay as there.
+        factor: How many times larger the grid is.
+        size: Height and width of what is returned, up to factor h and factor w; None for these.
+    """
+    height, width = (factor * side for side in maps.shape[-2:])
+    larger = F.pad(maps, (0, 1, 0, 1), mode="replicate")
+    larger = F.interpolate(larger, (height + 1, width + 1), mode="bilinear", align_corners=True)
+    height, width = (height, width) if size is None else size
+    return larger[..., :height, :width]
+
+
 def in_float32(part: Callable[..., Tensor], *maps: Tensor) -> Tensor:
     """Call a part of a network without autocast: in bfloat16, a disparity of 100 px is rounded to half a pixel."""
     with torch.autocast(maps[0].device.type, enabled=False):

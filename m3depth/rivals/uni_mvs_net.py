@@ -28,7 +28,7 @@ from torch import Tensor, nn
 
 from m3depth.network.backbone import conv_block, group_norm
 from m3depth.rivals.config import UniMvsNetConfig
-from m3depth.rivals.layers import sampled
+from m3depth.rivals.layers import multiplied, sampled
 from m3depth.rivals.output import DisparityOutput, Truth
 from m3depth.rivals.rival import StereoRival
 from m3depth.stereo.pairs import MAX_DISPARITY
@@ -225,14 +225,6 @@ def moved_features(right: Tensor, start: Tensor, step: float, count: int, cell: 
     return sampled(right, place).unflatten(2, (count, height))
 
 
-def doubled(maps: Tensor) -> Tensor:
-    """Return maps (B, C, h, w) at twice the size, (B, C, 2 h, 2 w), where cell k of the old grid is cell 2 k."""
-    height, width = maps.shape[-2:]
-    larger = F.pad(maps, (0, 1, 0, 1), mode="replicate")
-    larger = F.interpolate(larger, (2 * height + 1, 2 * width + 1), mode="bilinear", align_corners=True)
-    return larger[..., :-1, :-1]
-
-
 class UniMvsNet(StereoRival):
     """UniMVSNet."""
 
@@ -259,11 +251,11 @@ class UniMvsNet(StereoRival):
                 start = torch.zeros_like(of_left[:, :1], dtype=torch.float32)
             else:
                 step /= 2
-                start = (doubled(sweeps[-1].disparity().detach()) - count / 2 * step).clamp(min=0)
+                start = (multiplied(sweeps[-1].disparity().detach(), 2) - count / 2 * step).clamp(min=0)
             scores = self.call(self._scores, stage, of_left, of_right, start, step, cell)
             sweeps.append(Sweep(scores.float(), start, step, cell))
         disparity = sweeps[-1].disparity()
-        return UnifiedOutput(disparity if config.finest == 1 else doubled(disparity), tuple(sweeps))
+        return UnifiedOutput(disparity if config.finest == 1 else multiplied(disparity, 2), tuple(sweeps))
 
     def _scores(self, stage: int, left: Tensor, right: Tensor, start: Tensor, step: float, cell: int) -> Tensor:
         """Return the scores of the planes of a stage, whose features are made and used once."""

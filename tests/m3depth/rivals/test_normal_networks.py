@@ -123,6 +123,16 @@ def test_geonet_starts_with_the_geometry_that_it_was_given() -> None:
     torch.testing.assert_close(output.disparity, seen.disparity, rtol=0.02, atol=0)
 
 
+@pytest.mark.parametrize("size", [(64, 96), (59, 92)])
+def test_geonets_first_normals_and_its_residual_lie_where_they_were_computed(size: tuple[int, int]) -> None:
+    network, cells = new_network(TINY["geo-net"]), []
+    for layer in (network.first.last, network.residual.layers[-1]):
+        layer.register_forward_hook(lambda _, __, output: cells.append(output.float()))
+    images = torch.rand(1, 3, *size)
+    torch.testing.assert_close(network.first(images)[..., ::8, ::8], unit(cells[0]))
+    torch.testing.assert_close(network.residual(images)[..., ::2, ::2], cells[1])
+
+
 def test_geonet_sees_small_differences_of_depth_in_bfloat16() -> None:
     """A depth 0.1 % farther, less than bfloat16 can tell from it, changes what the last network gets."""
     network, seen, given = new_network(TINY["geo-net"]), plane_of((0.2, -0.6, -1.0)), []

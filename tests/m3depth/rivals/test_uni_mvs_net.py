@@ -1,7 +1,7 @@
 import torch
 
 from m3depth.rivals.output import Truth
-from m3depth.rivals.uni_mvs_net import Sweep, doubled, focal_loss, moved_features
+from m3depth.rivals.uni_mvs_net import Sweep, focal_loss, moved_features
 
 START, STEP, PLANES = 10.0, 2.0, 8
 
@@ -58,11 +58,3 @@ def test_the_planes_move_the_right_features_by_their_disparity() -> None:
     for plane, shift in enumerate((2, 3, 4)):
         torch.testing.assert_close(moved[:, :, plane, :, shift:], right[..., :-shift])
         assert not moved[:, :, plane, :, : shift - 1].any()
-
-
-def test_doubling_keeps_every_cell_at_its_pixel() -> None:
-    cells = torch.arange(5.0).expand(1, 1, 3, 5) + torch.arange(3.0)[:, None]
-    larger = doubled(cells)
-    assert larger.shape == (1, 1, 6, 10)
-    torch.testing.assert_close(larger[..., ::2, ::2], cells)
-    torch.testing.assert_close(larger[..., 0, 1], torch.full((1, 1), 0.5))
