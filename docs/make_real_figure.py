@@ -1,21 +1,25 @@
-"""Makes the figure of real ground in the README, and that of guides/own-images.md.
+"""Makes the figures of real ground in the README, in results/depth.md and in guides/own-images.md.
 
 python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
+python docs/make_real_figure.py NLB_524534514EDR_F0562034NCAM00280M_.jpeg NRB_524534514EDR_F0562034NCAM00280M_.jpeg
 python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG --guide
 
-The product is the left image of Perseverance's navigation cameras, from the Planetary Data System; the right one lies
-beside it. m3depth.rectify makes a rectified pair of the two, by the camera models in their labels. The figure has the
-left image, M3Depth's depth and normals, and the normals of OpenCV's SGBM: of the whole view, and of a part of it, whose
-depth has colours of its own range. With --guide, it makes guide_navcam.jpg: what the guide's two commands write, the
-picture of m3depth.predict and that of nav.map.
+The product of the first call is the left image of Perseverance's navigation cameras, from the Planetary Data System;
+the right one lies beside it. m3depth.rectify makes a rectified pair of the two, by the camera models in their labels.
+The images of the second call are of Curiosity's, as NASA's image server has them, without labels; their rows are fitted
+to matched points. Each figure, perseverance.jpg or curiosity.jpg, has the left image, M3Depth's depth and normals, and
+the normals of OpenCV's SGBM: of the lower 4 x 3 of the view, and of a part of it, whose depth has colours of its own
+range. With --guide, it makes guide_navcam.jpg: what the guide's two commands write, the picture of m3depth.predict and
+that of nav.map.
 """
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
@@ -26,28 +30,51 @@ from m3depth.datasets.image_files import read_pair
 from m3depth.predict import main as predict
 from m3depth.rectify import main as rectify
 from marssim.base.calibration.rectified import read_calibration
-from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.base.camera import MAX_DEPTH
+from marssim.base.images.colours import NEAR, depth_colours, normal_colours
 from nav.map import main as nav_map
 
 IMAGES = Path(__file__).parent / "images"
-FIGURE, GUIDE = IMAGES / "perseverance.jpg", IMAGES / "guide_navcam.jpg"
+GUIDE = IMAGES / "guide_navcam.jpg"
 GUIDE_WIDTH, GUIDE_QUALITY = 1100, 70  # [px], and of the JPEG: a picture of a guide has less than 100 kB
 TILE = (400, 300)  # [px] width and height
-PART = (400, 300, 400, 300)  # [px] left, top, width and height of the part, at the images' own resolution
 GAP = 4  # [px] between the tiles
 QUALITY = 88  # of the JPEG
 
 
+class Figure(NamedTuple):
+    """A figure, and how its pair is rectified."""
+
+    file: Path
+    """The figure."""
+    command: Callable[[list[str]], int]
+    """m3depth.rectify or m3depth.predict, which rectifies too."""
+    flags: tuple[str, ...]
+    """Flags of the command."""
+    part: tuple[int, int]
+    """Left and top of the part of 400 x 300 pixels [px], at the images' own resolution."""
+    depths: tuple[float, float]
+    """Nearest and farthest depth that have a colour in the whole view [m]."""
+
+
+PERSEVERANCE = Figure(
+    IMAGES / "perseverance.jpg", rectify, ("--focal", "560", "--size", "1024", "768"), (400, 300), (NEAR, MAX_DEPTH)
+)
+CURIOSITY = Figure(
+    IMAGES / "curiosity.jpg", predict, ("--align", "--focal", "1236", "--baseline", "0.42"), (500, 690), (10.0, 50.0)
+)
+
+
 @dataclass(frozen=True)
 class Options:
-    """Makes the figure of real ground in the README."""
+    """Makes a figure of real ground."""
 
-    image: Annotated[Path, tyro.conf.Positional]
-    """The left product (.IMG)."""
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """The left product of Perseverance (.IMG), or the left and the right image of Curiosity."""
     weights: str = "m3depth"
     """The network: m3depth, or m3depth:FILE for other weights."""
-    out: Path = FIGURE
-    """File of the figure."""
+    out: Path | None = None
+    """File of the figure; by default, that of the docs."""
     guide: bool = False
     """Make the figure of the guide instead."""
 
@@ -69,30 +96,34 @@ def guide_figure(image: Path, folder: Path) -> np.ndarray:
 def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     if options.guide:
         with tempfile.TemporaryDirectory() as folder:
-            figure = guide_figure(options.image, Path(folder))
+            figure = guide_figure(options.images[0], Path(folder))
         cv2.imwrite(str(GUIDE), figure, [cv2.IMWRITE_JPEG_QUALITY, GUIDE_QUALITY])
         return
+    chosen = PERSEVERANCE if len(options.images) == 1 else CURIOSITY
     with tempfile.TemporaryDirectory() as folder:
         pair = Path(folder) / "pair"
-        if rectify([str(options.image), "--focal", "560", "--size", "1024", "768", "--out", str(pair)]):
+        if chosen.command([*map(str, options.images), *chosen.flags, "--out", str(pair)]):
             raise SystemExit(2)
+        pair = pair if chosen.command is rectify else pair / "rectified"
         left, right = read_pair(pair / "left.png", pair / "right.png")
         rig = read_calibration(pair / "rig.json").rig(left.shape[1], left.shape[0])
     ours, sgbm = (load_estimator(name).infer(left, right, rig) for name in (options.weights, "sgbm-hh"))
     left = cv2.cvtColor(left, cv2.COLOR_GRAY2RGB) if left.ndim == 2 else left
     normals = [normal_colours(p.normal) for p in (ours, sgbm) if p.normal is not None]
-    x, y, width, height = PART
-    part = np.s_[y : y + height, x : x + width]
+    normals[0][ours.is_sky] = 0
+    x, y = chosen.part
+    part = np.s_[y : y + TILE[1], x : x + TILE[0]]
+    view = np.s_[-left.shape[1] * TILE[1] // TILE[0] :]
     near, far = np.nanpercentile(ours.depth[part], (0, 100))
     rows = [
-        [left, depth_colours(ours.depth), *normals],
+        [left[view], depth_colours(ours.depth, *chosen.depths)[view], *(normal[view] for normal in normals)],
         [left[part], depth_colours(ours.depth[part], near, far), *(normal[part] for normal in normals)],
     ]
     rows = [[cv2.resize(image, TILE, interpolation=cv2.INTER_AREA) for image in row] for row in rows]
     white = {"borderType": cv2.BORDER_CONSTANT, "value": (255, 255, 255)}
     tiles = [[cv2.copyMakeBorder(tile, 0, GAP, 0, GAP, **white) for tile in row] for row in rows]
     figure = np.vstack([np.hstack(row) for row in tiles])[:-GAP, :-GAP]
-    cv2.imwrite(str(options.out), figure[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    cv2.imwrite(str(options.out or chosen.file), figure[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from envs.drives.metrics import paired_scores
 from m3depth.evaluation.bootstrap import interval, resampled_means
 
 ROOT = Path(__file__).parents[2] / "docs/results"
+REAL_PAIRS = ("perseverance", "perseverance_560", "curiosity")
 
 
 def rows(page: str, heading: str) -> list[list[str]]:
@@ -57,6 +58,19 @@ def test_the_drives_of_the_policy_are_those_of_their_files() -> None:
         assert spl == f"{row['spl']:.2f}".lstrip("0")
         words = [f"{number} {name.replace('_', ' ')}" for name, number in outcomes.items()]
         assert sorted(others.split(", ")) == sorted(words or ["-"])
+
+
+def test_the_scores_of_real_pairs_are_those_of_their_files() -> None:
+    labels = {"**M3Depth lite**": "M3Depth", "M3Depth, weights of 0.1.0": "0.1.0"}
+    table_rows = rows("depth.md", "## Real pairs\n")
+    assert len(table_rows) == 4 * len(REAL_PAIRS)
+    for number, (_, method, *cells) in enumerate(table_rows):
+        of_pair = json.loads((ROOT / f"depth/real/{REAL_PAIRS[number // 4]}.json").read_text())["methods"]
+        scores = of_pair[labels.get(method, method)]
+        agree, common, unknown = (
+            f"{100 * scores[name]:.1f} %" for name in ("agreement", "common_agreement", "unknown")
+        )
+        assert cells == [agree, common, f"{scores['residual_ratio']:.3f}", unknown]
 
 
 def test_the_residuals_are_those_of_their_file() -> None:
