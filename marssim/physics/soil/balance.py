@@ -33,7 +33,7 @@ def balanced_motion(hubs, rims, pull, side, resistance, push, inertia, start):
         hubs: (N, 2) places of the wheels in the body frame [m].
         rims: (N, 2) velocities of the rims, forwards where the wheel drives forwards, in the body frame [m/s].
         pull: (N, S) H of the wheels [N] at the slips (i / (S - 1)) ** 2; 0 at the first.
-        side: (N,) factor of H across the rims' velocities, above 0. Wheels that do not turn have none.
+        side: (N,) factor of H across the rims' velocities, above 0. It is 1 for wheels that do not turn.
         resistance: (N,) force along -u [N].
         push: (3,) other forces in the body's plane [N], and their moment about its z [N m].
         inertia: (3,) mass over time step [kg/s], twice, and moment of inertia over time step [kg m2/s]; 0 without.

@@ -1,10 +1,10 @@
 """Soil under the wheels of a rover in PyBullet: forces of the tables in place of Coulomb's friction with the ground.
 
 PyBullet keeps the wheels on the surface and drives over rocks with its own friction. On the ground, it knows no
-friction here: before each step, each wheel is pushed by what the soil does to it at its present slip. A wheel that
-rests on a rock too has the soil's grip by the share of its load that the ground bears, and one in the air has none. The
-forces are those at the end of the step (implicit Euler), as friction that builds up within a few mm/s would shake the
-rover otherwise.
+friction here: before each step, each wheel is pushed by what the soil does to it at its present slip. Its grip is
+that of the load that PyBullet puts on the ground under it: a wheel that rests on a rock too has less, and one in the
+air has none. The forces are those at the end of the step (implicit Euler), as friction that builds up within a few mm/s
+would shake the rover otherwise.
 """
 
 from __future__ import annotations

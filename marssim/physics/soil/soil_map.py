@@ -15,8 +15,8 @@ from marssim.scene.scene import Scene
 GroundName = Literal["scene", "sand", "crust", "bedrock"]
 GROUND_NAMES: tuple[GroundName, ...] = get_args(GroundName)
 EXPOSED = 0.12  # how swept the ground is from which on plates of bedrock stand out fully; they begin to at 0
-SWEPT = (0.0, 0.15, 0.25, 0.45, 0.85, 1.05, 1.25, 1.45)  # how swept the ground is, at which
-PLATES = (0.08, 0.125, 0.173, 0.305, 0.663, 0.815, 0.912, 0.945)  # plates cover this share of it: as they are drawn
+SWEPT = (0.0, 0.15, 0.25, 0.45, 0.85, 1.05, 1.25, 1.45)  # how swept the ground is
+PLATES = (0.08, 0.125, 0.173, 0.305, 0.663, 0.815, 0.912, 0.945)  # share of it that plates then cover, as drawn
 ON_ROCK = 0.01  # [m] height of the surface over the ground from which on a wheel stands on a rock
 
 
