@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from m3depth.network.backbone import conv_block
 from m3depth.network.geometry import MIN_DISPARITY, facing_normals, normals_from_disparity, unit
 from m3depth.rivals.config import GeoNetConfig
-from m3depth.rivals.layers import in_float32, multiplied, start_as_he, start_small
+from m3depth.rivals.layers import in_float32, start_as_he, start_small, upsampled
 from m3depth.rivals.normal_network import NormalInput, NormalNetwork, NormalOutput, TrainedNormals
 
 APART = 4  # distance between the pixels of a window [px]
@@ -60,7 +60,7 @@ class FirstNormals(nn.Module):
         x = self.stages(left)
         whole = SHARP * unit(x.mean((2, 3), keepdim=True))
         normal = self.last(torch.cat([x, whole.expand_as(x)], 1)).float()
-        return unit(multiplied(normal, 8, left.shape[-2:]))
+        return unit(upsampled(normal, 8, left.shape[-2:]))
 
 
 def convolution(inputs: int, outputs: int, kernel: int = 3, dilation: int = 1) -> nn.Sequential:
@@ -88,7 +88,7 @@ class Residual(nn.Module):
     def forward(self, normal: Tensor) -> Tensor:
         """(B, 3, H, W) -> (B, 3, H, W)."""
         change = self.layers(SHARP * normal).float()
-        return multiplied(change, 2, normal.shape[-2:])
+        return upsampled(change, 2, normal.shape[-2:])
 
 
 def ensemble(inputs: int, width: int, outputs: int) -> nn.Sequential:

@@ -118,7 +118,7 @@ def sampled(features: Tensor, place: Tensor) -> Tensor:
     return F.grid_sample(features, grid, align_corners=True)
 
 
-def multiplied(maps: Tensor, factor: int, size: Sequence[int] | None = None) -> Tensor:
+def upsampled(maps: Tensor, factor: int, size: Sequence[int] | None = None) -> Tensor:
     """Return maps (B, C, h, w) at `factor` times the size, where cell k of the old grid is cell factor k.
 
     Args:

@@ -28,7 +28,7 @@ from torch import Tensor, nn
 
 from m3depth.network.backbone import conv_block, group_norm
 from m3depth.rivals.config import UniMvsNetConfig
-from m3depth.rivals.layers import multiplied, sampled
+from m3depth.rivals.layers import sampled, upsampled
 from m3depth.rivals.output import DisparityOutput, Truth
 from m3depth.rivals.rival import StereoRival
 from m3depth.stereo.pairs import MAX_DISPARITY
@@ -251,11 +251,11 @@ class UniMvsNet(StereoRival):
                 start = torch.zeros_like(of_left[:, :1], dtype=torch.float32)
             else:
                 step /= 2
-                start = (multiplied(sweeps[-1].disparity().detach(), 2) - count / 2 * step).clamp(min=0)
+                start = (upsampled(sweeps[-1].disparity().detach(), 2) - count / 2 * step).clamp(min=0)
             scores = self.call(self._scores, stage, of_left, of_right, start, step, cell)
             sweeps.append(Sweep(scores.float(), start, step, cell))
         disparity = sweeps[-1].disparity()
-        return UnifiedOutput(disparity if config.finest == 1 else multiplied(disparity, 2), tuple(sweeps))
+        return UnifiedOutput(disparity if config.finest == 1 else upsampled(disparity, 2), tuple(sweeps))
 
     def _scores(self, stage: int, left: Tensor, right: Tensor, start: Tensor, step: float, cell: int) -> Tensor:
         """Return the scores of the planes of a stage, whose features are made and used once."""

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from m3depth.rivals.layers import multiplied, sampled
+from m3depth.rivals.layers import sampled, upsampled
 
 
 def test_features_between_cells_are_interpolated_and_0_outside() -> None:
@@ -20,9 +20,9 @@ def test_a_map_of_one_cell_can_be_sampled() -> None:
 @pytest.mark.parametrize("factor", [2, 8])
 def test_cells_of_a_larger_grid_lie_at_their_pixels(factor: int) -> None:
     cells = torch.arange(5.0).expand(1, 1, 3, 5) + torch.arange(3.0)[:, None]
-    larger = multiplied(cells, factor)
+    larger = upsampled(cells, factor)
     assert larger.shape == (1, 1, 3 * factor, 5 * factor)
     torch.testing.assert_close(larger[..., ::factor, ::factor], cells)
     torch.testing.assert_close(larger[..., 0, 1], torch.full((1, 1), 1 / factor))
     assert (larger[..., -factor:, -1] == 6).all()  # beyond the last cell
-    torch.testing.assert_close(multiplied(cells, factor, (2 * factor + 1, 4)), larger[..., : 2 * factor + 1, :4])
+    torch.testing.assert_close(upsampled(cells, factor, (2 * factor + 1, 4)), larger[..., : 2 * factor + 1, :4])
