@@ -110,7 +110,7 @@ def write_results(
 
     Args:
         config: The settings.
-        driven_by: Settings, digests of the files of methods, and the runtime, as results.json has them.
+        driven_by: Entries of results.json: settings, digests of files, runtime, and versions if not of this process.
         test_errors: Abs Rel of perceptions on their test set.
 
     Returns:
@@ -122,9 +122,9 @@ def write_results(
     records = [_read_record(config.out / "episodes", task) for task in config.tasks]
     content = {
         "config": as_json(asdict(config)),
+        "versions": versions(),
         **driven_by,
         "code": dict(Counter(record.code for record in records)),
-        "versions": versions(),
         "test_set_abs_rel": test_errors,
         "results": _results(config, records),
         "differences": _differences(config, records),

@@ -38,6 +38,7 @@ from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 EPISODES = "episodes"  # folder of the records in it
 NAMED = 5  # shards that a message names
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
+VERSIONS = "versions"  # entry of results.json
 CAUSE = "cause"  # entry of a record
 NO_SETTINGS = "config does not hold the settings of an evaluation"
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
@@ -122,7 +123,10 @@ def join(config: JoinConfig) -> dict[str, Any]:
                 if f"{drive.stem}.json" in records:
                     write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
         results.note(**{WEIGHTS: weights, **runtimes})
-        driven_by = {"driven_with": joined.content(), WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values())}
+        driven_by = {
+            "driven_with": joined.content(), WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values()),
+            VERSIONS: _versions(contents),
+        }  # fmt: skip
         return write_results(joined, driven_by, test_errors)[0]
 
 
@@ -268,6 +272,17 @@ def _test_errors(contents: Sequence[Mapping[str, Any]], folders: Sequence[Path])
             if errors.setdefault(name, error) != error:
                 raise DatasetError(f"{folder}: {name} has another {TEST_ERRORS} than in another shard")
     return errors
+
+
+def _versions(contents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the versions and machines that drove the shards; where they differ, the list of those of an entry."""
+    out: dict[str, Any] = {}
+    for recorded in (content.get(VERSIONS, {}) for content in contents):
+        for name, value in recorded.items() if isinstance(recorded, dict) else ():
+            known = out.setdefault(name, [])
+            if value not in known:
+                known.append(value)
+    return {name: values[0] if len(values) == 1 else values for name, values in out.items()}
 
 
 def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path, scene: Path | None) -> EvaluateConfig:

@@ -38,6 +38,19 @@ def test_joined_shards_are_the_evaluation_without_shards(shards, suite_run, tmp_
     assert [len(json.loads((s / "results.json").read_text())["episodes"]) for s in shards] == [4, 4]
 
 
+def test_the_versions_are_those_of_the_shards_and_not_of_the_machine_that_joins(shards, tmp_path, monkeypatch):
+    driven = json.loads((shards[0] / "results.json").read_text())["versions"]
+    other = shutil.copytree(shards[1], tmp_path / "other")
+    content = json.loads((other / "results.json").read_text())
+    content["versions"]["processor"] = "of another laboratory"
+    (other / "results.json").write_text(json.dumps(content))
+    monkeypatch.setattr("envs.evaluate.versions", lambda: {"python": "of the machine that joins"})
+    alike = join(JoinConfig(shards, tmp_path / "alike"))["versions"]
+    assert alike == driven
+    unlike = join(JoinConfig((shards[0], other), tmp_path / "unlike"))["versions"]
+    assert unlike == driven | {"processor": [driven["processor"], "of another laboratory"]}
+
+
 def test_drives_that_shards_recorded_come_along_with_their_pages(shards, tmp_path):
     copies, names = [], []
     for shard in shards:
