@@ -59,8 +59,9 @@ def sideslip_deg(traction: Traction, slope: float) -> float:
     """Return the angle by which a rover's course lies below its heading when it drives across a slope [rad], [deg]."""
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, np.cos(slope), -np.sin(slope)], [0, np.sin(slope), np.cos(slope)]]
+    wheels = ZHURONG.wheel_positions[:, :2]
     motion = traction.balance(
-        traction.grip(pose, traction.soils_at(ZHURONG.wheel_positions[:, :2])), traction.rims(SPEED, 0.0)
+        traction.grip(pose, traction.soils_under(wheels, wheels)), traction.rims(SPEED, 0.0)
     ).motion
     return float(np.rad2deg(np.arctan2(abs(motion[1]), motion[0])))
 

@@ -33,7 +33,7 @@ ALIKE = 0.95  # least cosine of the angle between normals of one plane
 SHARP = 10.0  # factor of normals, of the global feature and of differences of depth that networks get
 REACH = 12  # dilation of the layer that sees most of the image
 LEAST_DETERMINANT = APART**4 / 2  # half of that of three pixels of a window, which determine a plane
-GRAZING = 1e-3  # least cosine between a normal and a ray that meet
+GRAZING = 1e-3  # least product of a normal and of a ray of z = 1 that meets its plane
 LARGEST_CHANGE = 1.5  # factor of depth, by the normals and by the last network
 
 

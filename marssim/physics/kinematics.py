@@ -37,7 +37,8 @@ class Settled:
         yaw: [rad], as in RoverState.
         joints: Angles of the joints.
         wheel_heights: (6,) z of the wheel centres [m].
-        wheel_contacts: (6, 2) x and y of the points at which the wheels rest on ground or rock [m].
+        wheel_contacts: (6, 2) x and y of a point at which each wheel rests on ground or rock [m].
+        wheel_middles: (6, 2) x and y of the middle of the wheel's width as far along the wheel [m].
         clearance: Least height of the chassis' underside above ground or rock [m]; negative where they overlap.
         residual: Largest gap between a wheel and its support [m]. It exceeds TOLERANCE only where a joint is at its
             stop or a wheel on an edge.
@@ -50,6 +51,7 @@ class Settled:
     joints: Joints
     wheel_heights: np.ndarray
     wheel_contacts: np.ndarray
+    wheel_middles: np.ndarray
     clearance: float
     residual: float
 
@@ -157,8 +159,11 @@ def settle(surface: Scene | SupportMap, spec: RoverSpec, x: float, y: float, yaw
     pose[:3, :3], pose[:3, 3] = turn, (x, y, z)
     belly = shape.belly @ turn.T + (x, y, z)
     clearance = float((belly[:, 2] - support.sample(support.top, belly[:, 0], belly[:, 1])).min())
-    contacts = under[np.arange(6), lifted.argmax(axis=1)]
-    return Settled(pose, roll, pitch, yaw, Joints(rocker, bogie), hubs[:, 2], contacts, clearance, worst)
+    touching = lifted.argmax(axis=1)
+    contacts = under[np.arange(6), touching]
+    middles = hubs[:, :2] + shape.wheel[touching, :1] * forward
+    joints = Joints(rocker, bogie)
+    return Settled(pose, roll, pitch, yaw, joints, hubs[:, 2], contacts, middles, clearance, worst)
 
 
 def collides(surface: SupportMap, spec: RoverSpec, x: float, y: float, yaw: float) -> Contacts:

@@ -62,9 +62,8 @@ class SlippingRover(KinematicRover):
         pieces = max(1, int(np.ceil(seconds / INTERVAL - 1e-9)))
         for _ in range(pieces):
             start = self._settled
-            balance = self._traction.balance(
-                self._traction.grip(start.pose, self._traction.soils_at(start.wheel_contacts)), rims
-            )
+            soils = self._traction.soils_under(start.wheel_middles, start.wheel_contacts)
+            balance = self._traction.balance(self._traction.grip(start.pose, soils), rims)
             ahead, left, turn = (float(v) for v in balance.motion)
             super().drive_twist(ahead, turn, seconds / pieces, left)
             rolled = np.array(along_arc(start, speed, turn, self._travelled, lateral)[:2]) - start.pose[:2, 3]

@@ -17,7 +17,6 @@ from marssim.physics.soil.traction import Grip, Traction
 from marssim.physics.world import PhysicsWorld
 
 REFRESH = 12  # steps for which the grip of the wheels is taken as constant: 1 cm at full speed
-YAW_INERTIA = 75.0  # [kg m2] of the rover about its z, that of its links together, roughly
 STILL = 1e-3  # [m/s] speed of a rim below which its wheel stands
 
 
@@ -47,7 +46,8 @@ class SoilForces:
         self._wheel_of = {joint: wheel for wheel, joint in enumerate(wheels)}
         self._body, self._wheels, self._steers, self._middle = body, wheels, steers, middle
         self._traction = Traction(world.scene, world.spec, world.support, ground)
-        self._inertia = np.array([world.spec.mass, world.spec.mass, YAW_INERTIA]) / world.time_step
+        yaw_inertia = self._yaw_inertia()
+        self._inertia = np.array([world.spec.mass, world.spec.mass, yaw_inertia]) / world.time_step
         self._grip: Grip | None = None
         self._steps = 0
         self._borne = np.zeros(6)  # sums over the steps of the loads of the wheels that the ground bears [N]
@@ -94,6 +94,21 @@ class SoilForces:
             p.applyExternalForce(self._body, wheel, force.tolist(), contact, p.WORLD_FRAME, physicsClientId=client)
         step = self._world.time_step
         self.slippage.add(balance, radius, step, step * turn[:2, :2] @ rims.mean(axis=0))
+
+    def _yaw_inertia(self) -> float:
+        """Return the rover's moment of inertia about the z axis of its body frame [kg m2], with its joints as now."""
+        p, client = self._p, self._client
+        origin, quaternion = p.getBasePositionAndOrientation(self._body, physicsClientId=client)
+        axis = np.array(p.getMatrixFromQuaternion(quaternion)).reshape(3, 3)[:, 2]
+        total = 0.0
+        for link in range(-1, p.getNumJoints(self._body, physicsClientId=client)):
+            mass, _, own, *_ = p.getDynamicsInfo(self._body, link, physicsClientId=client)
+            at, turn = origin, quaternion
+            if link >= 0:
+                at, turn, *_ = p.getLinkState(self._body, link, physicsClientId=client)
+            of_link = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3).T @ axis
+            total += own @ of_link**2 + mass * (np.cross(axis, np.subtract(at, origin)) ** 2).sum()
+        return float(total)
 
     def _loads(self) -> np.ndarray:
         """Return the loads of the wheels that the ground bore in the last step, (6,) [N]."""

@@ -40,15 +40,14 @@ class WheelTable:
     def at(self, load: np.ndarray) -> np.ndarray:
         """Return pull, torque and sinkage over slip, (3, N, S), at loads (N,) [N].
 
-        Loads above those of the table are clipped. Below, pull and torque vanish with the load.
+        Loads above those of the table are clipped. Below, all three vanish with the load.
         """
         place = np.interp(load, self.loads, np.arange(len(self.loads)))
         low = np.minimum(place.astype(int), len(self.loads) - 2)
         share = (place - low)[:, None]
         every = np.stack([self.pull, self.torque, self.sinkage])
         out = every[:, low] * (1 - share) + every[:, low + 1] * share
-        out[:2] *= np.minimum(load / self.loads[0], 1)[:, None]
-        return out
+        return out * np.minimum(load / self.loads[0], 1)[:, None]
 
     def side_at(self, load: np.ndarray) -> np.ndarray:
         """Return `side` (N,) at loads (N,) [N], which are clipped to the table."""

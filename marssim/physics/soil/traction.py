@@ -76,18 +76,22 @@ class Traction:
         size = spec.wheel_radius, spec.wheel_width, spec.mass * GRAVITY
         self._tables = [wheel_table(name, *size) for name in SOIL_NAMES]
 
-    def soils_at(self, places: np.ndarray) -> np.ndarray:
-        """Return the shares of the soils (N, 3) at places (N, 2) [m]; a rock counts as bedrock."""
-        x, y = places.T
+    def soils_under(self, middles: np.ndarray, contacts: np.ndarray) -> np.ndarray:
+        """Return the shares of the soils (N, 3) under wheels; a rock counts as bedrock.
+
+        Args:
+            middles: (N, 2) x and y of the middles of their widths [m], where the soil is that of the ground.
+            contacts: (N, 2) x and y of the points that touch [m], each of which may lie on a rock.
+        """
         rock = np.arange(len(SOIL_NAMES)) == ROCK
-        return np.where(on_rock(self.support, x, y)[:, None], rock, self.soils.at(x, y))
+        return np.where(on_rock(self.support, *contacts.T)[:, None], rock, self.soils.at(*middles.T))
 
     def grip(self, pose: np.ndarray, soils: np.ndarray, loads: np.ndarray | None = None) -> Grip:
         """Return what the wheels find under them.
 
         Args:
             pose: (4, 4) body to world.
-            soils: (6, 3) shares of the soils under the wheels, as of `soils_at`.
+            soils: (6, 3) shares of the soils under the wheels, as of `soils_under`.
             loads: (6,) loads of the wheels that these bear [N]; None for those of a rover at rest, as of `wheel_loads`.
         """
         weight = -self.spec.mass * GRAVITY * pose[2, :3]
@@ -129,11 +133,8 @@ class Traction:
             self._hubs, rims, grip.pull, grip.side, grip.resistance, push, inertia, first
         )
         hubs = _velocities(self._hubs, motion)
-        at = np.sqrt(np.clip(slip, 0, 1)) * (len(SLIPS) - 1)
-        low = np.minimum(at.astype(int), len(SLIPS) - 2)
-        share, wheel = at - low, np.arange(len(low))
-        torque = grip.torque[wheel, low] * (1 - share) + grip.torque[wheel, low + 1] * share
-        sinkage = grip.sinkage[wheel, low] * (1 - share) + grip.sinkage[wheel, low + 1] * share
+        torque = np.array([np.interp(at, SLIPS, of_wheel) for at, of_wheel in zip(slip, grip.torque)])
+        sinkage = np.array([np.interp(at, SLIPS, of_wheel) for at, of_wheel in zip(slip, grip.sinkage)])
         # a wheel that slides forwards or sideways thrusts less than one that slides back by as much
         slide = rims - hubs
         scale = np.hypot(*rims.T) * np.hypot(*slide.T)

@@ -9,11 +9,13 @@ from marssim.physics.kinematics import KinematicRover, settle
 from marssim.physics.rover import Rover
 from marssim.physics.slipping_rover import SlippingRover
 from marssim.physics.soil.loads import wheel_loads
+from marssim.physics.soil.soil_map import SoilMap
 from marssim.physics.soil.soils import SOIL_NAMES, SOILS
 from marssim.physics.soil.traction import Traction
 from marssim.physics.soil.wheel import sinkage_under_load, wheel_forces
 from marssim.physics.support import SupportMap
 from marssim.physics.world import GRAVITY, PhysicsWorld
+from marssim.scene.ground.cover import CELL
 from nav.controller import wheel_command
 
 needs_bullet = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed here")
@@ -138,7 +140,18 @@ def test_a_wheel_on_a_rock_does_not_sink(make_scene, drive):
     hub = ZHURONG.wheel_positions[0]
     dome = (hub[0] + 0.3, hub[1], -2.92, 3.0)
     sand, rock = (drive(make_scene(half=5.0, balls=balls), "sand", 0.0)[2].sinkage for balls in ([], [dome]))
-    assert 0.78 < rock / sand < 0.92
+    assert rock / sand == pytest.approx(5 / 6, abs=0.05)
+
+
+@needs_bullet
+def test_a_rover_on_rocks_alone_does_not_sink(make_scene):
+    domes = [(x, y, -2.9, 3.0) for x, y, _ in ZHURONG.wheel_positions]
+    with PhysicsWorld(make_scene(half=5.0, balls=domes), ZHURONG) as world:
+        rover = Rover(world, 0.0, 0.0, 0.0, "sand")
+        world.step(1.0)
+        rover.drive(np.full(6, 0.1), np.zeros(6))
+        world.step(0.5)
+        assert rover.soil.slippage.seconds > 0 and rover.soil.slippage.sinkage < 1e-4
 
 
 def test_a_wheel_on_the_edge_of_a_rock_stands_on_the_rock(make_scene):
@@ -155,11 +168,36 @@ def test_a_wheel_touches_a_rock_before_it_is_above_it(make_scene):
     hub = ZHURONG.wheel_positions[0]
     place = make_scene(half=5.0, balls=[(hub[0] + 0.16, hub[1], 0.0, 0.08)])
     support = SupportMap.from_scene(place, ZHURONG.obstacle_height)
-    contacts = settle(support, ZHURONG, 0.0, 0.0, 0.0).wheel_contacts
-    ahead = contacts - ZHURONG.wheel_positions[:, :2]
+    rest = settle(support, ZHURONG, 0.0, 0.0, 0.0)
+    ahead = rest.wheel_contacts - ZHURONG.wheel_positions[:, :2]
     assert 0.05 < ahead[0, 0] < 0.15 and np.abs(ahead[1:, 0]).max() < 0.01
     traction = Traction(place, ZHURONG, support, "sand")
-    np.testing.assert_array_equal(traction.soils_at(contacts), [[0, 0, 1]] + [[1, 0, 0]] * 5)
+    soils = traction.soils_under(rest.wheel_middles, rest.wheel_contacts)
+    np.testing.assert_array_equal(soils, [[0, 0, 1]] + [[1, 0, 0]] * 5)
+
+
+@pytest.mark.parametrize("yaw", [0.0, np.pi / 2, 0.7])
+def test_the_soil_is_that_under_the_middles_of_the_wheels(slope, yaw):
+    rest = settle(SupportMap.from_scene(slope(5), ZHURONG.obstacle_height), ZHURONG, 0.0, 0.0, yaw)
+    hubs = (ZHURONG.wheel_positions @ rest.pose[:3, :3].T)[:, :2]
+    beside = (rest.wheel_middles - hubs) @ [-np.sin(yaw), np.cos(yaw)]
+    np.testing.assert_allclose(beside, 0, atol=0.01)
+    reach = np.abs((rest.wheel_contacts - rest.wheel_middles) @ [np.cos(yaw), np.sin(yaw)])
+    np.testing.assert_allclose(reach, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.1])
+def test_a_place_and_its_mirror_image_are_driven_alike(slope, turn, monkeypatch):
+    """Sand lies from the inner part of the left or of the right wheels on outwards, and bedrock between."""
+    motions = []
+    for side in (1, -1):
+        sand = np.broadcast_to(side * (np.arange(101) * CELL - 5.0) > 0.52, (101, 101)).T
+        soils = SoilMap(np.stack([sand, np.zeros_like(sand), ~sand], axis=-1).astype(float), -5.0)
+        monkeypatch.setattr(SoilMap, "of", lambda *_, soils=soils: soils)
+        way, yaw, slippage = settled_drive(slope(0), "scene", 0.0, side * turn)
+        motions.append([way[0], side * way[1], side * yaw, slippage.slip, slippage.sinkage])
+    np.testing.assert_allclose(motions[0], motions[1], atol=1e-6)
+    assert motions[0][-1] > 2e-3
 
 
 @needs_bullet
@@ -199,6 +237,25 @@ def test_physics_on_soil_is_deterministic_and_can_be_removed(slope):
         rover = Rover(world, 0.0, 0.0, 0.0, "sand")
         rover.remove()
         world.step(0.1)
+
+
+@needs_bullet
+def test_the_yaw_inertia_is_that_of_the_rover_that_turns_freely(slope):
+    with PhysicsWorld(slope(0), ZHURONG) as world:
+        rover = Rover(world, 0.0, 0.0, 0.5, "sand")
+        stated, p, client = rover.soil._yaw_inertia(), world.bullet, world.client
+        rover.soil.remove()
+        body = rover.soil._body
+        at, turn = p.getBasePositionAndOrientation(body, physicsClientId=client)
+        p.resetBasePositionAndOrientation(body, [at[0], at[1], at[2] + 5], turn, physicsClientId=client)
+        for joint in range(p.getNumJoints(body, physicsClientId=client)):  # no leg swings
+            angle = p.getJointState(body, joint, physicsClientId=client)[0]
+            p.setJointMotorControl2(body, joint, p.POSITION_CONTROL, angle, force=1e4, physicsClientId=client)
+        for _ in range(20):
+            p.applyExternalTorque(body, -1, [0, 0, 20.0], p.WORLD_FRAME, physicsClientId=client)
+            p.stepSimulation(physicsClientId=client)
+        rate = p.getBaseVelocity(body, physicsClientId=client)[1][2]
+        assert stated == pytest.approx(20.0 * 20 * world.time_step / rate, rel=0.02)
 
 
 @needs_bullet
