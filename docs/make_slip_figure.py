@@ -44,9 +44,7 @@ def main() -> None:
         pull.plot(100 * table.slips, table.at(np.array([weight]))[0][0] / weight, **style)
     up.plot(*ROVERS, "o", mfc="none", color="#333333", label="rovers in sand, order")
     up.set(xlabel="slope, straight up [deg]", ylabel="slip [%]", ylim=(0, 103), xlim=(0, 30))
-    across.set(
-        xlabel="slope, straight across [deg]", ylabel="course below the heading [deg]", ylim=(0, 45), xlim=(0, 30)
-    )
+    across.set(xlabel="slope, straight across [deg]", ylabel="sideslip angle [deg]", ylim=(0, 45), xlim=(0, 30))
     pull.set(xlabel="slip [%]", ylabel="drawbar pull / load", xlim=(0, 100))
     pull.axhline(0, color="#999999", lw=0.8)
     for axes in (up, across, pull):
@@ -56,7 +54,7 @@ def main() -> None:
 
 
 def sideslip_deg(traction: Traction, slope: float) -> float:
-    """Return the angle by which a rover's course lies below its heading when it drives across a slope [rad], [deg]."""
+    """Return the sideslip angle [deg] of a rover that drives across a slope [rad]: of its course below its heading."""
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, np.cos(slope), -np.sin(slope)], [0, np.sin(slope), np.cos(slope)]]
     wheels = ZHURONG.wheel_positions[:, :2]
