@@ -30,7 +30,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, Noted, check_worker, noted_digests, noted_runtime, unchanged
+from envs.drives.resume import NOTES, Noted, check_worker, noted_of, unchanged
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -51,7 +51,6 @@ from marssim.base.compute.workers import run_tasks
 from marssim.base.files.atomic import write_atomically, written_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
 from marssim.base.results.claim import PARTIAL, ResultFolder
-from marssim.base.results.code_state import versions
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
 # Methods that serve all drives, by name, runtime and, for a user's class, thread: a process loads a network once.
@@ -84,17 +83,17 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
         config.out, "evaluation", SETTINGS, config.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
     )
     with results.claim():
-        digests = noted_digests(results, (*config.perception, *config.driver))
-        runtime = noted_runtime(results, config.perception, config.runtime)
-        driven_by = {"driven_with": results.settings, "weights": digests, "runtime": runtime}
-        return _evaluate(config, driven_by, test_errors)
+        folder = config.out / "episodes"
+        missing = [task for task in config.tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
+        driven_by = noted_of(results, config, bool(missing))
+        folder.mkdir(exist_ok=True)
+        return _evaluate(config, missing, driven_by, test_errors)
 
 
-def _evaluate(config: EvaluateConfig, driven_by: dict[str, Any], test_errors: dict[str, float]) -> dict[str, Any]:
-    folder = config.out / "episodes"
-    folder.mkdir(exist_ok=True)
+def _evaluate(
+    config: EvaluateConfig, missing: list[Task], driven_by: dict[str, Any], test_errors: dict[str, float]
+) -> dict[str, Any]:
     tasks = config.tasks
-    missing = [task for task in tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
     _run(config, missing, driven_by)
     content, records = write_results(config, driven_by, test_errors)
     _film(config, tasks, records, driven_by)
@@ -110,7 +109,7 @@ def write_results(
 
     Args:
         config: The settings.
-        driven_by: Entries of results.json: settings, digests of files, runtime, and versions if not of this process.
+        driven_by: Entries of results.json: settings, digests of files, runtime and versions.
         test_errors: Abs Rel of perceptions on their test set.
 
     Returns:
@@ -122,7 +121,6 @@ def write_results(
     records = [_read_record(config.out / "episodes", task) for task in config.tasks]
     content = {
         "config": as_json(asdict(config)),
-        "versions": versions(),
         **driven_by,
         "code": dict(Counter(record.code for record in records)),
         "test_set_abs_rel": test_errors,

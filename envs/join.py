@@ -23,7 +23,7 @@ from envs.comparison.methods import fullest_runtime
 from envs.comparison.suite_results import RESULTS
 from envs.drives.config import EvaluateConfig, shard_of
 from envs.drives.records import TIMES, read_record
-from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, WEIGHTS
+from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, VERSIONS, WEIGHTS
 from envs.evaluate import SETTINGS, write_results
 from envs.recording.drive_page import DRIVES
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
@@ -34,11 +34,11 @@ from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.results.claim import PARTIAL, ResultFolder, differences
+from marssim.base.results.code_state import joined_versions
 
 EPISODES = "episodes"  # folder of the records in it
 NAMED = 5  # shards that a message names
 TEST_ERRORS = "test_set_abs_rel"  # entry of results.json
-VERSIONS = "versions"  # entry of results.json
 CAUSE = "cause"  # entry of a record
 NO_SETTINGS = "config does not hold the settings of an evaluation"
 METHODS = ("driver", "perception")  # settings that may differ from shard to shard
@@ -92,6 +92,7 @@ def join(config: JoinConfig) -> dict[str, Any]:
                 raise DatasetError(f"{folder}: has other settings than {first} ({other_settings[0]})")
     weights = _merged([mark.get(WEIGHTS, {}) for mark in marks], config.shards)
     test_errors = _test_errors(contents, config.shards)
+    versions = joined_versions([_versions(content, folder) for content, folder in zip(contents, config.shards)])
     runtimes = {key: _runtime(key, marks, config.shards) for key in (RUNTIME, OTHERS_RUNTIME)}
     try:
         joined = _evaluation(contents, config.out, config.scene)
@@ -122,10 +123,10 @@ def join(config: JoinConfig) -> dict[str, Any]:
             for drive in sorted((folder / DRIVES).glob("*.zip")):
                 if f"{drive.stem}.json" in records:
                     write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
-        results.note(**{WEIGHTS: weights, **runtimes})
+        results.note(**{WEIGHTS: weights, **runtimes, VERSIONS: versions})
         driven_by = {
             "driven_with": joined.content(), WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values()),
-            VERSIONS: _versions(contents),
+            VERSIONS: versions,
         }  # fmt: skip
         return write_results(joined, driven_by, test_errors)[0]
 
@@ -274,15 +275,12 @@ def _test_errors(contents: Sequence[Mapping[str, Any]], folders: Sequence[Path])
     return errors
 
 
-def _versions(contents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the versions and machines that drove the shards; where they differ, the list of those of an entry."""
-    out: dict[str, Any] = {}
-    for recorded in (content.get(VERSIONS, {}) for content in contents):
-        for name, value in recorded.items() if isinstance(recorded, dict) else ():
-            known = out.setdefault(name, [])
-            if value not in known:
-                known.append(value)
-    return {name: values[0] if len(values) == 1 else values for name, values in out.items()}
+def _versions(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the versions and the machines that drove a shard. Raises DatasetError if they are none."""
+    versions = content.get(VERSIONS, {})
+    if not isinstance(versions, dict):
+        raise DatasetError(f"{folder / RESULTS}: {VERSIONS} must hold versions by name, got {versions!r:.60}")
+    return versions
 
 
 def _evaluation(contents: Sequence[Mapping[str, Any]], out: Path, scene: Path | None) -> EvaluateConfig:

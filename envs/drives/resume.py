@@ -1,4 +1,7 @@
-"""What drove the episodes in a folder (weights, code, runtime): noted there, and compared before more are added."""
+"""What drove the episodes in a folder (weights, code, runtime): noted there, and compared before more are added.
+
+The versions of packages and the machines that drove them are noted too, and not compared.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,34 @@ from m3depth.estimator import EstimatorName
 from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
+from marssim.base.results.code_state import joined_versions, versions
 
 Noted = Mapping[str, Any]  # what results.json says of what drove the episodes
 WEIGHTS = "weights"  # key in the settings file: SHA-256 by the name of a perception or driver
 RUNTIME = "runtime"  # key in the settings file: what ran M3Depth, as recorded_runtime returns it
 OTHERS_RUNTIME = "others_runtime"  # key in the settings file: what ran other networks
-NOTES = (WEIGHTS, RUNTIME, OTHERS_RUNTIME)
+VERSIONS = "versions"  # key in the settings file: versions and machines, as joined_versions returns them
+NOTES = (WEIGHTS, RUNTIME, OTHERS_RUNTIME, VERSIONS)
 NETWORKS = {RUNTIME: "m3depth", OTHERS_RUNTIME: "other networks"}  # what a message calls them
+
+
+def noted_of(folder: ResultFolder, config: EvaluateConfig, driving: bool) -> dict[str, Any]:
+    """Note what drives the episodes of a claimed folder, and return it with what drove before, as results.json has it.
+
+    Args:
+        folder: The evaluation's folder, claimed.
+        config: The settings.
+        driving: Whether there are episodes left to drive.
+
+    Raises:
+        DatasetError: See noted_digests, noted_runtime and noted_versions.
+    """
+    return {
+        "driven_with": folder.settings,
+        WEIGHTS: noted_digests(folder, (*config.perception, *config.driver)),
+        RUNTIME: noted_runtime(folder, config.perception, config.runtime),
+        VERSIONS: noted_versions(folder, driving),
+    }
 
 
 def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
@@ -89,6 +113,28 @@ def noted_runtime(folder: ResultFolder, names: Sequence[str], wanted: str) -> st
         records[key] = runtime if previous is None else previous
     folder.note(**{key: record for key, record in records.items() if record is not None})
     return joined_runtimes(records.values())
+
+
+def noted_versions(folder: ResultFolder, driving: bool) -> dict[str, Any]:
+    """Note the versions of this process beside those of earlier ones if it is to drive, and return all of them.
+
+    A folder of an earlier release has none, and takes those of today.
+
+    Args:
+        folder: The evaluation's folder, claimed.
+        driving: Whether there are episodes left to drive.
+
+    Raises:
+        DatasetError: The folder's file of settings holds no such record.
+    """
+    earlier = read_json(folder.mark_path).get(VERSIONS)
+    if not (earlier is None or isinstance(earlier, dict)):
+        raise DatasetError(f"{folder.mark_path}: {VERSIONS} must hold versions by name, got {earlier!r:.60}")
+    parts = [] if earlier is None else [earlier]
+    if driving or not parts:
+        parts.append(versions())
+    folder.note(**{VERSIONS: (noted := joined_versions(parts))})
+    return noted
 
 
 @contextmanager

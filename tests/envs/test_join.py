@@ -44,11 +44,20 @@ def test_the_versions_are_those_of_the_shards_and_not_of_the_machine_that_joins(
     content = json.loads((other / "results.json").read_text())
     content["versions"]["processor"] = "of another laboratory"
     (other / "results.json").write_text(json.dumps(content))
-    monkeypatch.setattr("envs.evaluate.versions", lambda: {"python": "of the machine that joins"})
-    alike = join(JoinConfig(shards, tmp_path / "alike"))["versions"]
-    assert alike == driven
-    unlike = join(JoinConfig((shards[0], other), tmp_path / "unlike"))["versions"]
-    assert unlike == driven | {"processor": [driven["processor"], "of another laboratory"]}
+    monkeypatch.setattr("envs.drives.resume.versions", lambda: {"python": "of the machine that joins"})
+    assert join(JoinConfig(shards, tmp_path / "alike"))["versions"] == driven
+    unlike = driven | {"processor": [driven["processor"], "of another laboratory"]}
+    assert join(JoinConfig((shards[0], other), tmp_path / "unlike"))["versions"] == unlike
+    assert read_json(tmp_path / "unlike" / "evaluate.json")["versions"] == unlike
+    assert join(JoinConfig((tmp_path / "unlike", shards[0]), tmp_path / "again"))["versions"] == unlike
+
+
+def test_versions_that_are_none_are_named(shards, tmp_path):
+    other = shutil.copytree(shards[1], tmp_path / "other")
+    content = json.loads((other / "results.json").read_text())
+    (other / "results.json").write_text(json.dumps(content | {"versions": "1.0"}))
+    with pytest.raises(DatasetError, match=r"other/results\.json: versions must hold versions by name, got '1\.0'"):
+        join(JoinConfig((shards[0], other), tmp_path / "all"))
 
 
 def test_drives_that_shards_recorded_come_along_with_their_pages(shards, tmp_path):

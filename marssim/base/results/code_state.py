@@ -7,6 +7,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -88,3 +89,20 @@ def versions() -> dict[str, Any]:
     if torch is not None:
         record["torch_threads"] = torch.get_num_threads()
     return record
+
+
+def joined_versions(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the versions of results that several processes or machines computed.
+
+    Args:
+        parts: What versions() returned in each of them, or what this function returned of some.
+
+    Returns:
+        The value that all have in common, or a list of those that differ, with None where a part has none.
+    """
+    out: dict[str, list[Any]] = {name: [] for part in parts for name in part}
+    for part in parts:
+        for name, values in out.items():
+            value = part.get(name)
+            values += [each for each in (value if isinstance(value, list) else [value]) if each not in values]
+    return {name: values[0] if len(values) == 1 else values for name, values in out.items()}

@@ -9,7 +9,7 @@ import pytest
 from small_rivals import TINY
 
 import envs.evaluate
-from envs.drives.resume import NOTES, WEIGHTS, noted_digests, noted_runtime
+from envs.drives.resume import NOTES, WEIGHTS, noted_digests, noted_runtime, noted_versions
 from envs.evaluate import EvaluateConfig, evaluate
 from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
@@ -51,6 +51,20 @@ def test_other_settings_are_refused_with_both_values(tmp_path):
     ):
         evaluate(replace(config, goal_distance=5.0, drift=0.1))
     assert file.read_bytes() == before
+
+
+def test_versions_and_machines_are_those_of_all_drives_and_of_no_other_run(file, monkeypatch):
+    folder = ResultFolder(file.parent / "out", "evaluation", file.name, SETTINGS, notes=NOTES)
+    runs = (("one", True, "one"), ("two", False, "one"), ("two", True, ["one", "two"]), ("one", True, ["one", "two"]))
+    for machine, driving, expected in runs:
+        monkeypatch.setattr("envs.drives.resume.versions", lambda machine=machine: {"processor": machine})
+        with folder.claim():
+            assert noted_versions(folder, driving) == {"processor": expected}
+    assert read_json(folder.mark_path)["versions"] == {"processor": ["one", "two"]}
+    with folder.claim():
+        folder.note(versions="1.0")
+        with pytest.raises(DatasetError, match=r"evaluate\.json: versions must hold versions by name, got '1\.0'"):
+            noted_versions(folder, True)
 
 
 def test_retrained_weights_do_not_inherit_the_drives_of_the_old_ones(file, tmp_path):
@@ -217,8 +231,8 @@ def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch,
     if when == "during":
         monkeypatch.setattr("envs.evaluate.drive", driven)
     else:
-        begun = envs.evaluate.noted_digests
-        monkeypatch.setattr("envs.evaluate.noted_digests", lambda *args: (begun(*args), file.write_text("# x"))[0])
+        begun = noted_digests
+        monkeypatch.setattr("envs.drives.resume.noted_digests", lambda *args: (begun(*args), file.write_text("# x"))[0])
     with pytest.raises(DatasetError, match=r"mine_.*.py: on .*, this is not the file that the drives began with; put"):
         evaluate(config)
     assert not list((tmp_path / "out" / "episodes").iterdir())

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from marssim.base.results.code_state import commit, processor, source_digest, source_file, versions
+from marssim.base.results.code_state import commit, joined_versions, processor, source_digest, source_file, versions
 
 
 def test_the_digest_changes_with_any_source_and_only_then(tmp_path, monkeypatch):
@@ -77,6 +77,15 @@ def test_versions_name_the_processor(monkeypatch):
     monkeypatch.setattr("pathlib.Path.read_text", missing)
     monkeypatch.setattr("platform.processor", lambda: "arm")
     assert processor() == "arm"
+
+
+def test_joined_versions_are_those_in_common_or_all():
+    first, second, third = {"python": "3.11", "cpus": 2, "torch": "2.1"}, {"python": "3.11", "cpus": 4}, {}
+    assert joined_versions([first, first]) == first
+    both = {"python": "3.11", "cpus": [2, 4], "torch": ["2.1", None]}
+    assert joined_versions([first, second]) == joined_versions([both, second, first]) == both
+    assert joined_versions([both, third]) == {"python": ["3.11", None], "cpus": [2, 4, None], "torch": ["2.1", None]}
+    assert joined_versions([third]) == joined_versions([]) == {}
 
 
 def test_versions_name_the_commit():
