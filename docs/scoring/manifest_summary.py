@@ -197,28 +197,40 @@ def figure(
         rivals: Records of the rival of the same pairs; None for no ratio.
 
     Returns:
-        "value", "interval"; with rivals, and where the term asks for it, "ratio" and "ratio_interval". None where
-        no pair has the figure, and for intervals of fewer than four scenes or where some samples of them lack it.
+        "value", "interval"; with rivals, and where the term asks for it, "ratio" over the pairs for which both have the
+        figure, and "ratio_interval". None where no pair has the figure. An interval is None for fewer than four scenes
+        that have it, and where all samples of them have the same: this does not tell how others would differ.
     """
     numbers = np.array([term.numbers(record) for record in records])  # (pairs, 2)
-    out: dict[str, Any] = {"value": _quotient(term, records), "interval": None}
-    compared = rivals is not None and term.ratio
-    if compared:
-        rival = _quotient(term, rivals)
-        out["ratio"] = out["value"] / rival if out["value"] is not None and rival else None
-        out["ratio_interval"] = None
-        numbers = np.hstack([numbers, [term.numbers(record) for record in rivals]])
-    sums, number = resampled_means(numbers, scenes), len(set(scenes))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        quotients = sums[:, 0::2] / sums[:, 1::2]  # (draws, 1 or 2)
-        if out["value"] is not None:
-            most = 1.0 if term.percent else np.inf
-            out["interval"] = interval(quotients[:, 0], out["value"], number, within=(0, most))
-        if compared and out["ratio"] is not None:
-            out["ratio_interval"] = interval(
-                quotients[:, 0] / quotients[:, 1], out["ratio"], number, within=(0, np.inf)
-            )
+    most = 1.0 if term.percent else np.inf
+    out: dict[str, Any] = dict(zip(("value", "interval"), _estimate(numbers, scenes, most), strict=True))
+    if rivals is not None and term.ratio:
+        both = np.hstack([numbers, [term.numbers(record) for record in rivals]])
+        out |= zip(("ratio", "ratio_interval"), _estimate(both, scenes, np.inf), strict=True)
     return out
+
+
+def _estimate(numbers: np.ndarray, scenes: Sequence[Any], most: float) -> tuple[float | None, list[float] | None]:
+    """Return a quotient of sums over pairs, or the quotient of two, and its interval; None where it is not known.
+
+    Args:
+        numbers: (pairs, 2) numerators and denominators, or (pairs, 4) with those of the second quotient.
+        scenes: The scene of each pair. Those count that have a pair without a denominator of 0.
+        most: Greatest value that it can have.
+    """
+    known = (numbers[:, 1::2] > 0).all(axis=1)
+    kept = [scene for scene, has in zip(scenes, known, strict=True) if has]
+    if not kept:
+        return None, None
+    sums = np.vstack([numbers[known].sum(axis=0), resampled_means(numbers[known], kept)])
+    quotients = sums[:, 0::2] / sums[:, 1::2]  # of all pairs, and of each sample
+    if not quotients[0, 1:].all():
+        return None, None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value, *samples = quotients[:, 0] / quotients[:, 1:].prod(axis=1)
+    if np.ptp(samples) <= 1e-12 * value:
+        return float(value), None
+    return float(value), interval(np.array(samples), value, len(set(kept)), within=(0, most))
 
 
 def markdown(content: Mapping[str, Any]) -> str:
