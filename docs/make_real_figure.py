@@ -8,15 +8,16 @@ The product of the first call is the left image of Perseverance's navigation cam
 the right one lies beside it. m3depth.rectify makes a rectified pair of the two, by the camera models in their labels.
 The images of the second call are of Curiosity's, as NASA's image server has them, without labels; their rows are fitted
 to matched points. Each figure, perseverance.jpg or curiosity.jpg, has the left image, M3Depth's depth and normals, and
-the normals of OpenCV's SGBM: of the lower 4 x 3 of the view, and of a part of it, whose depth has colours of its own
-range. With --guide, it makes guide_navcam.jpg: what the guide's two commands write, the picture of m3depth.predict and
-that of nav.map.
+the normals of OpenCV's SGBM along eight paths: of the lower 4 x 3 of the view, and of a part of it, whose depth has
+colours of its own range. Normals are black where M3Depth sees sky, and where SGBM has no match. With --guide, it makes
+guide_navcam.jpg: what the guide's two commands write, the picture of m3depth.predict and that of nav.map.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -31,6 +32,8 @@ from m3depth.predict import main as predict
 from m3depth.rectify import main as rectify
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.camera import MAX_DEPTH
+from marssim.base.command.run import run_command
+from marssim.base.files.atomic import write_atomically
 from marssim.base.images.colours import NEAR, depth_colours, normal_colours
 from nav.map import main as nav_map
 
@@ -76,7 +79,13 @@ class Options:
     out: Path | None = None
     """File of the figure; by default, that of the docs."""
     guide: bool = False
-    """Make the figure of the guide instead."""
+    """Make the figure of the guide instead, of the product and with the shipped weights."""
+
+    def __post_init__(self) -> None:
+        if len(self.images) not in (1, 2):
+            raise ValueError(f"images must be one product or two images, got {len(self.images)} files")
+        if self.guide and (len(self.images) == 2 or self.weights != "m3depth"):
+            raise ValueError("guide takes one product, and no --weights")
 
 
 def guide_figure(image: Path, folder: Path) -> np.ndarray:
@@ -93,13 +102,18 @@ def guide_figure(image: Path, folder: Path) -> np.ndarray:
     return cv2.resize(both, (GUIDE_WIDTH, height), interpolation=cv2.INTER_AREA)
 
 
-def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
+def work(options: Options) -> None:
+    """Make the figure, and write it."""
     if options.guide:
         with tempfile.TemporaryDirectory() as folder:
-            figure = guide_figure(options.images[0], Path(folder))
-        cv2.imwrite(str(GUIDE), figure, [cv2.IMWRITE_JPEG_QUALITY, GUIDE_QUALITY])
+            _write(options.out or GUIDE, guide_figure(options.images[0], Path(folder)), GUIDE_QUALITY)
         return
     chosen = PERSEVERANCE if len(options.images) == 1 else CURIOSITY
+    _write(options.out or chosen.file, real_figure(options, chosen), QUALITY)
+
+
+def real_figure(options: Options, chosen: Figure) -> np.ndarray:
+    """Return the view and a part of it, each in a row, (H, W, 3) uint8 BGR."""
     with tempfile.TemporaryDirectory() as folder:
         pair = Path(folder) / "pair"
         if chosen.command([*map(str, options.images), *chosen.flags, "--out", str(pair)]):
@@ -111,6 +125,7 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     left = cv2.cvtColor(left, cv2.COLOR_GRAY2RGB) if left.ndim == 2 else left
     normals = [normal_colours(p.normal) for p in (ours, sgbm) if p.normal is not None]
     normals[0][ours.is_sky] = 0
+    normals[1][sgbm.confidence == 0] = 0
     x, y = chosen.part
     part = np.s_[y : y + TILE[1], x : x + TILE[0]]
     view = np.s_[-left.shape[1] * TILE[1] // TILE[0] :]
@@ -122,9 +137,17 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     rows = [[cv2.resize(image, TILE, interpolation=cv2.INTER_AREA) for image in row] for row in rows]
     white = {"borderType": cv2.BORDER_CONSTANT, "value": (255, 255, 255)}
     tiles = [[cv2.copyMakeBorder(tile, 0, GAP, 0, GAP, **white) for tile in row] for row in rows]
-    figure = np.vstack([np.hstack(row) for row in tiles])[:-GAP, :-GAP]
-    cv2.imwrite(str(options.out or chosen.file), figure[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return np.vstack([np.hstack(row) for row in tiles])[:-GAP, :-GAP, ::-1]
+
+
+def _write(file: Path, picture: np.ndarray, quality: int) -> None:
+    write_atomically(file, cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command, and return its exit code."""
+    return run_command(work, Options, "python docs/make_real_figure.py", __doc__, args)
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    sys.exit(main())
