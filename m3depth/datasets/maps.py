@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from m3depth.datasets.exr import exr_channels
+from m3depth.datasets.exr import Layer, exr_layers, only_layer
 from m3depth.datasets.image_files import decode_image
 from marssim.base.dataset.map_file import PNG_UNIT
 from marssim.base.files.json_file import DatasetError
@@ -16,7 +16,7 @@ from marssim.base.files.npy import read_npy
 Kind = Literal["disparity", "depth"]
 UNITS: dict[Kind, str] = {"disparity": "px", "depth": "m"}
 FAR = 1000.0  # [m] beyond this is sky; renderers write about 1e10 where there is no surface
-DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # of an EXR file, the first that exists; OAISYS repeats one channel
+DEPTH_CHANNELS = ("Z", "V", "R", "Y")  # of an EXR file's layer, the first that exists; OAISYS repeats one channel
 
 
 def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: bool = False) -> np.ndarray:
@@ -76,7 +76,9 @@ def _numbers(path: Path) -> np.ndarray:
             values = _exr(path)
         else:
             values = decode_image(path.read_bytes())
-    except ValueError:
+    except ValueError as error:
+        if isinstance(error, DatasetError):
+            raise
         values = None
     if values is None or values.dtype.kind not in "fiu" or values.ndim not in (2, 3):
         raise DatasetError(f"{path}: holds no map that can be read")
@@ -95,10 +97,14 @@ def _only_channel(path: Path, values: np.ndarray) -> np.ndarray:
 
 
 def _exr(path: Path) -> np.ndarray:
-    channels = exr_channels(path)
-    chosen = next((name for name in DEPTH_CHANNELS if name in channels), None)
-    if chosen is None:
+    channels = only_layer(path, exr_layers(path), "depth", _may_be_depth)
+    if channels is None:
         raise ValueError("no depth channel")
+    chosen = next(name for name in DEPTH_CHANNELS if name in channels)
     if chosen == "R":  # of a picture, whose channels repeat the depth
         return np.dstack([channels[name] for name in "RGB" if name in channels])
     return channels[chosen]
+
+
+def _may_be_depth(channels: Layer) -> bool:
+    return not channels.keys().isdisjoint(DEPTH_CHANNELS) and not {"X", "Y", "Z"} <= channels.keys()

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from m3depth.datasets.config import NormalFrame
-from m3depth.datasets.exr import exr_channels
+from m3depth.datasets.exr import Layer, exr_layers, only_layer
 from m3depth.datasets.image_files import decode_image
 from marssim.base.camera import PinholeCamera
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.npy import read_npy
 
-AXES = ("XYZ", "RGB")  # names of an EXR file's three channels
+AXES = ("XYZ", "RGB")  # names of the three channels of an EXR file's layer
 FROM_OPENGL = np.array([1, -1, -1], np.float32)  # from x right, y up, z towards the camera
 CODED_LENGTH = 0.5  # least length of a vector that pixels code; unknown ones are grey, (0, 0, 0), or black
 
@@ -76,14 +76,28 @@ def _vectors(path: Path) -> np.ndarray:
         if path.suffix.lower() == ".npy":
             values = read_npy(path)
         elif path.suffix.lower() == ".exr":
-            channels = exr_channels(path)
-            names = next((names for names in AXES if set(names) <= channels.keys()), "")
-            values = np.dstack([channels[name] for name in names]) if names else None
+            values = _exr(path)
         else:
             values = decode_image(path.read_bytes())
             values = values[..., 2::-1] if values is not None and values.ndim == 3 else None  # BGR becomes RGB
-    except ValueError:
+    except ValueError as error:
+        if isinstance(error, DatasetError):
+            raise
         values = None
     if values is None or values.dtype.kind not in "fu" or values.ndim != 3 or values.shape[2] != 3:
         raise DatasetError(f"{path}: holds no normals, three numbers a pixel")
     return values
+
+
+def _exr(path: Path) -> np.ndarray | None:
+    """Return the normals of an EXR file, (H, W, 3); None if it has no three channels of AXES."""
+    layers = exr_layers(path)
+    vectors = {
+        name: channels for name, channels in layers.items() if "normal" in name.lower() or _axes(channels) == "XYZ"
+    }
+    channels = only_layer(path, vectors or layers, "normal", lambda channels: bool(_axes(channels)))
+    return None if channels is None else np.dstack([channels[name] for name in _axes(channels)])
+
+
+def _axes(channels: Layer) -> str:
+    return next((names for names in AXES if set(names) <= channels.keys()), "")

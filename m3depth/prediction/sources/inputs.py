@@ -343,7 +343,7 @@ def _recorded_on_rover(pair: PairInput) -> np.ndarray | None:
 
 def _dataset(path: Path, options: PredictOptions) -> Iterator[PairInput]:
     """Yield the pairs of a dataset's split."""
-    calib = options.calib[0] if len(options.calib) == 1 and options.calib != (NATECAM_NAME,) else None
+    calib = options.calib[0] if options.calib else None  # the flag replaces what is read of the pairs
     given = calib is None and options.focal is not None and options.baseline is not None
     config = DataConfig(
         options.format, options.left, options.right, calib=calib,

@@ -11,6 +11,7 @@ marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"}
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -216,16 +217,47 @@ def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
 
 
 def _from_middlebury(text: str) -> Calibration:
-    content = dict(re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*(\S.*?)[ \t\r]*$", text, re.MULTILINE))
-    for name in ("cam0", "baseline"):
-        if name not in content:
-            raise ValueError(f"field {name} is missing")
-    camera = [float(value) for value in re.findall(NUMBER, content["cam0"])]
-    if len(camera) != 9:
-        raise ValueError(f"cam0 must have 9 numbers, has {len(camera)}")
-    size = (int(content["width"]), int(content["height"])) if {"width", "height"} <= content.keys() else None
-    fx, cx, fy, cy = (camera[i] for i in (0, 2, 4, 5))
-    return Calibration(fx, fy, cx, cy, float(content["baseline"]) / 1000, float(content.get("doffs", 0)), size)
+    """Read a calibration of Middlebury or ETH3D. Without doffs, cam1 gives the shift, and without both it is 0."""
+    content = dict(re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", text, re.MULTILINE))
+    size = None
+    if {"width", "height"} <= content.keys():
+        sides = [_middlebury_number(content, name) for name in ("width", "height")]
+        if not all(side.is_integer() for side in sides):
+            raise ValueError(f"width and height must be whole numbers, got {sides[0]:g} and {sides[1]:g}")
+        size = int(sides[0]), int(sides[1])
+    baseline = _middlebury_number(content, "baseline") / 1000
+    left = _middlebury_camera(content, "cam0")
+    found = Calibration(*left, baseline, 0.0, size).checked()
+    if "cam1" not in content:
+        return replace(found, shift=_middlebury_number(content, "doffs") if "doffs" in content else 0.0)
+    right = _middlebury_camera(content, "cam1")
+    if max(abs(left[i] - right[i]) for i in (0, 1, 3)) > ROUNDING:
+        raise ValueError("cam0 and cam1 differ in more than cx, so the images are not rectified")
+    shift = right[2] - left[2]
+    if "doffs" not in content:
+        return replace(found, shift=shift)
+    if abs((doffs := _middlebury_number(content, "doffs")) - shift) > ROUNDING:
+        raise ValueError(f"doffs is {doffs:g} px, and the cx of cam0 and cam1 are {shift:g} px apart")
+    return replace(found, shift=doffs)
+
+
+def _middlebury_camera(content: Mapping[str, str], name: str) -> tuple[float, float, float, float]:
+    """Return fx, fy, cx, cy [px] of the matrix of a camera, [fx 0 cx; 0 fy cy; 0 0 1]."""
+    if name not in content:
+        raise ValueError(f"field {name} is missing")
+    values = [float(value) for value in re.findall(NUMBER, content[name])]
+    if len(values) != 9:
+        raise ValueError(f"{name} must have 9 numbers, has {len(values)}")
+    return values[0], values[4], values[2], values[5]
+
+
+def _middlebury_number(content: Mapping[str, str], name: str) -> float:
+    if name not in content:
+        raise ValueError(f"field {name} is missing")
+    try:
+        return float(content[name])
+    except ValueError:
+        raise ValueError(f"field {name} must be a number, got {content[name]!r:.40}") from None
 
 
 def _from_opencv(text: str) -> Calibration:

@@ -28,6 +28,32 @@ def put(path: Path, values: np.ndarray) -> None:
         assert cv2.imwrite(str(path), values)
 
 
+def put_channels(path: Path, channels: dict[str, np.ndarray]) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {name: np.ascontiguousarray(values) for name, values in channels.items()}).write(str(path))
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [
+        {"ViewLayer.Depth.V": 0, "ViewLayer.Normal.X": 1, "ViewLayer.Normal.Y": 1, "ViewLayer.Normal.Z": 1},
+        {"View.Depth.Z": 0, "View.Position.X": 1, "View.Position.Y": 1, "View.Position.Z": 1, "View.Combined.R": 1},
+        {"Z": 0, "R": 1, "G": 2, "B": 3},
+        {"Z": 0, "Mist.Z": 1},
+        {"distance.V": 0, "N.X": 1, "N.Y": 1, "N.Z": 1},
+    ],
+)
+def test_the_depth_of_an_exr_file_is_that_of_its_layer(tmp_path, channels) -> None:
+    put_channels(tmp_path / "d.exr", {name: DEPTH + add for name, add in channels.items()})
+    np.testing.assert_array_equal(read_map(tmp_path / "d.exr", "depth"), DEPTH)
+
+
+def test_layers_of_an_exr_file_that_do_not_tell_which_is_the_depth_are_named(tmp_path) -> None:
+    put_channels(tmp_path / "d.exr", {"near.Z": DEPTH, "far.Z": DEPTH + 1})
+    with pytest.raises(DatasetError, match=r"d\.exr: far and near may all hold the depth; one layer alone"):
+        read_map(tmp_path / "d.exr", "depth")
+
+
 @pytest.mark.parametrize(("ending", "expected"), [("npy", np.inf), ("tiff", np.inf), ("pfm", np.nan)])
 def test_an_infinite_depth_is_sky_but_unknown_in_a_pfm(tmp_path, ending, expected) -> None:
     path = tmp_path / f"depth.{ending}"

@@ -8,6 +8,7 @@ import OpenEXR
 import pytest
 
 from m3depth.datasets.config import DataConfig
+from m3depth.datasets.normal_maps import read_normals
 from m3depth.datasets.open import open_pairs
 from marssim.base.files.json_file import DatasetError
 
@@ -35,6 +36,27 @@ def put(path: Path, vectors: np.ndarray) -> None:
     else:
         kind = np.uint8 if path.suffix == ".bmp" else np.uint16
         cv2.imwrite(str(path), np.round((vectors[..., ::-1] + 1) / 2 * np.iinfo(kind).max).astype(kind))
+
+
+@pytest.mark.parametrize(
+    ("normal", "others"),
+    [
+        ("View.Normal.XYZ", ["View.Position.XYZ", "View.Combined.RGB", "View.Depth.V"]),
+        ("normals.RGB", ["position.XYZ"]),
+        ("N.XYZ", ["RGB"]),
+        ("XYZ", ["Position.XYZ"]),
+    ],
+)
+def test_the_normals_of_an_exr_file_are_those_of_its_layer(tmp_path, normal, others) -> None:
+    vectors = towards_camera()
+    channels = {}
+    for number, name in enumerate((normal, *others)):
+        layer, dot, axes = name.rpartition(".")
+        for i, axis in enumerate(axes):
+            channels[f"{layer}{dot}{axis}"] = np.ascontiguousarray(vectors[..., i] + number)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, channels).write(str(tmp_path / "n.exr"))
+    np.testing.assert_allclose(read_normals(tmp_path / "n.exr", "opencv"), vectors, atol=1e-6)
 
 
 @pytest.fixture

@@ -254,6 +254,18 @@ def test_what_is_no_source_of_pairs_is_named(tmp_path, case, message):
         arguments[case]()
 
 
+@pytest.mark.parametrize("calib", [("natecam",), ("left.yaml", "right.yaml")])
+def test_a_dataset_without_a_calibration_takes_that_of_the_flag(tmp_path, calib):
+    for sensor in ("sensorLeft", "sensorRight"):
+        image(tmp_path / "batch_0001" / sensor / f"0001{sensor}_rgb_00.png")
+    for name in calib if len(calib) == 2 else ():
+        (tmp_path / name).write_text("")
+    files = tuple(Path(name) if name == "natecam" else tmp_path / name for name in calib)
+    assert [pair.name for pair in find(tmp_path, calib=files).pairs] == ["batch_0001/0001"]
+    with pytest.raises(DatasetError, match="layout oaisys needs --calib"):
+        find(tmp_path)
+
+
 def test_two_pairs_of_one_name_are_refused(tmp_path):
     for name in ("l/1.png", "l/1.jpg", "r/1.png", "r/1.jpg"):
         image(tmp_path / name)

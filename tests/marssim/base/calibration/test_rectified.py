@@ -54,7 +54,10 @@ def test_middlebury(tmp_path):
     parsed = read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY))
     assert parsed == Calibration(3979.911, 3979.911, 1244.772, 1019.507, pytest.approx(0.193001), 124.343, (2964, 1988))
     without = "\n".join(line for line in MIDDLEBURY.splitlines() if line.startswith(("cam", "base")))
-    assert read_calibration(write(tmp_path / "eth3d.txt", without)).size is None
+    found = read_calibration(write(tmp_path / "eth3d.txt", without))
+    assert found.size is None and found.shift == pytest.approx(124.343)  # of the two cameras
+    alone = "\n".join(line for line in without.splitlines() if not line.startswith("cam1"))
+    assert read_calibration(write(tmp_path / "alone.txt", alone)).shift == 0
 
 
 @pytest.mark.parametrize("matrices", [("P1", "P2", "Q"), ("Q",)])
@@ -233,7 +236,11 @@ def test_camera_infos_for_images_of_two_sizes_are_refused(tmp_path):
         ("P2: " + "1 " * 12 + "\n", "lacks the projection matrices of two cameras"),
         (KITTI.replace("707.0493 0", "0 0").replace("7.070493e+02 0", "0 0"), "no positive focal length"),
         (MIDDLEBURY.replace("baseline", "base"), "field baseline is missing"),
-        (MIDDLEBURY.replace("193.001", "wide"), "could not convert"),
+        (MIDDLEBURY.replace("193.001", "wide"), "field baseline must be a number, got 'wide'"),
+        (MIDDLEBURY.replace("124.343", ""), "field doffs must be a number, got ''"),
+        (MIDDLEBURY.replace("124.343", "0"), "doffs is 0 px, and the cx of cam0 and cam1 are 124.343 px apart"),
+        (MIDDLEBURY.replace("cam1=[3979", "cam1=[3970"), "cam0 and cam1 differ in more than"),
+        (MIDDLEBURY.replace("=2964", "=2964.5"), "width and height must be whole numbers, got 2964.5 and 1988"),
         (MIDDLEBURY.replace("; 0 0 1]", "]"), "cam0 must have 9 numbers, has 6"),
         (MIDDLEBURY.replace("cam0=[3979.911 0", "cam0=[0 0"), "fx must be positive and finite"),
         (MIDDLEBURY.replace("doffs=124.343", "doffs=nan"), "shift must be finite"),
