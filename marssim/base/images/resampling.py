@@ -14,7 +14,7 @@ from marssim.base.camera import PinholeCamera
 Source = Callable[[np.ndarray], np.ndarray]
 """Returns the places (..., 2) in a raw image [px] of places (..., 2) in a rectified one; NaN where there is none."""
 
-REACH = 2  # [px] around a pixel without data that resampling would draw from
+REACH = 4  # [px] from a pixel without data up to which Lanczos over 8 x 8 pixels draws from it
 OUTSIDE = -1e4  # [px] place of pixels that show nothing
 
 
@@ -62,11 +62,14 @@ def resample(
     places = np.where(inside[..., None], places, OUTSIDE).astype(np.float32)
     columns, rows = places[..., 0], places[..., 1]
     values: np.ndarray = pixels.astype(np.float32)
+    reach = REACH
     if reduction > 1:
-        values = cv2.GaussianBlur(values, (0, 0), 0.5 * np.sqrt(reduction**2 - 1))
+        deviation = 0.5 * np.sqrt(reduction**2 - 1)
+        values = cv2.GaussianBlur(values, (0, 0), deviation)
+        reach += int(np.ceil(3 * deviation))
     # OpenCV's cubic interpolation moves what it shows by up to 0.05 px
     image = cv2.remap(values, columns, rows, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
-    near = np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)
+    near = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     usable = cv2.erode(valid.astype(np.uint8), near, borderType=cv2.BORDER_REPLICATE)
     shown = inside & (cv2.remap(usable, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0)
     image = np.clip(np.round(image), 0, np.iinfo(pixels.dtype).max).astype(pixels.dtype)
