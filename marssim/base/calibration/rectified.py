@@ -26,6 +26,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 
 ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
 ROUNDING = 0.05  # [px] by which the cameras of one rectified pair may differ in a file
+OPENCV = ("%YAML", "<?xml", "{")  # how its files begin
 LENS_FIELDS = ("distortion_coefficients", "right", "vergence_deg", "rotation_deg")  # of rig_file
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
 
@@ -76,7 +77,7 @@ def read_calibration(
 
     Args:
         path: The file; the left camera's if ROS has two.
-        right: The right camera's CameraInfo of ROS.
+        right: The right camera's CameraInfo of ROS, or the second of two files of OpenCV, such as extrinsics.yml.
         image: Path of the left image; in KITTI's folders it distinguishes the grey cameras from the colour ones.
         baseline: Distance of the cameras [m], for a left CameraInfo alone.
 
@@ -90,9 +91,9 @@ def read_calibration(
     try:
         if is_camera_info(text):
             return _from_ros(text, right_text, baseline).checked()
-        if right is not None:
-            raise ValueError("is not a CameraInfo of ROS, the only kind that comes in two files")
-        if text.lstrip().startswith(("%YAML", "<?xml", "{")):
+        if right_text is not None:
+            text = _of_opencv_rectification(text, right_text)
+        if text.lstrip().startswith(OPENCV):
             return (_from_json(text) or _from_opencv(text)).checked()
         if re.search(r"^[ \t]*cam0[ \t]*=", text, re.MULTILINE):
             return _from_middlebury(text).checked()
@@ -104,6 +105,19 @@ def read_calibration(
     raise ValueError(
         f"{path}: is not a calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS "
         "(projection_matrix:) or marssim"
+    )
+
+
+def _of_opencv_rectification(first: str, second: str) -> str:
+    """Return that of two files of OpenCV which describes rectified images, with P1 and P2 or Q."""
+    for text in (second, first):
+        if text.lstrip().startswith(OPENCV):
+            content = parse_opencv(text)
+            if {"P1", "P2"} <= content.keys() or "Q" in content:
+                return text
+    raise ValueError(
+        "is not a CameraInfo of ROS, and neither file holds P1 and P2 or Q of OpenCV's stereoRectify, the only kinds that "
+        f"come in two files; {ADVICE}"
     )
 
 

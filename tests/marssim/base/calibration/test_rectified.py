@@ -261,6 +261,28 @@ def test_what_cannot_be_used_is_one_line(tmp_path, text, message):
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
 
+def test_intrinsics_and_extrinsics_of_opencv_in_two_files(tmp_path):
+    """As OpenCV's sample stereo_calib writes them: the second holds what rectified images need."""
+    camera, none = np.array([[500.0, 0, 310], [0, 500, 245], [0, 0, 1]]), np.zeros(5)
+    moved = np.array([[-0.12], [0], [0]])
+    _, _, p1, p2, q, *_ = cv2.stereoRectify(camera, none, camera, none, (640, 480), np.eye(3), moved)
+    files = {
+        "intrinsics": {"M1": camera, "D1": none, "M2": camera, "D2": none},
+        "extrinsics": {"P1": p1, "P2": p2, "Q": q},
+    }
+    for name, matrices in files.items():
+        storage = cv2.FileStorage(str(tmp_path / f"{name}.yml"), cv2.FILE_STORAGE_WRITE)
+        for key, matrix in matrices.items():
+            storage.write(key, matrix)
+        storage.release()
+    first, second = (tmp_path / f"{name}.yml" for name in files)
+    assert read_calibration(first, second) == read_calibration(second, first) == read_calibration(second)
+    with pytest.raises(
+        ValueError, match=r"intrinsics\.yml: is not a CameraInfo of ROS, and neither file holds P1 and P2"
+    ):
+        read_calibration(first, first)
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.txt: no such calibration file"):
         read_calibration(tmp_path / "none.txt")
