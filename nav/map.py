@@ -24,6 +24,7 @@ The files end where nothing more was seen.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from marssim.base.calibration.rectified import SHIFT_KEY
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
 from marssim.base.command.run import run_command
@@ -107,6 +109,7 @@ class PredictedPair:
         camera_height: Height of the camera over the ground under the rover [m]; None where nothing says it.
         is_on_rover: Whether the pose is that on the rover.
         is_assumed: Whether that pose is an assumed one.
+        shift: The right camera's cx minus the left one's [px].
     """
 
     folder: Path
@@ -115,6 +118,7 @@ class PredictedPair:
     camera_height: float | None = None
     is_on_rover: bool = False
     is_assumed: bool = False
+    shift: float = 0.0
 
     def read(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Return depth (H, W) [m], and confidence (H, W), which is None where it was not written.
@@ -179,9 +183,10 @@ def _pair(file: Path, record: dict[str, Any]) -> PredictedPair:
     except ValueError as error:
         raise DatasetError(f"{file}: {error}; predict it again") from None
     on_rover, is_assumed = record.get("pose") is None, record.get("mount_assumed") is True
-    return PredictedPair(
-        file.parent, rig, pose, None if is_assumed else _height_on_rover(record), on_rover, on_rover and is_assumed
-    )
+    height, shift = None if is_assumed else _height_on_rover(record), record.get(SHIFT_KEY, 0.0)
+    if isinstance(shift, bool) or not isinstance(shift, int | float) or not math.isfinite(shift):
+        raise DatasetError(f"{file}: {SHIFT_KEY} must be a number [px], got {shift!r:.40}; predict it again")
+    return PredictedPair(file.parent, rig, pose, height, on_rover, on_rover and is_assumed, float(shift))
 
 
 def _height_on_rover(record: dict[str, Any]) -> float | None:
@@ -248,7 +253,7 @@ def make_map(
             count.add(depth, options.max_range)
         try:
             height = pair.camera_height or _height_over_ground(depth, pair)
-            elevation.integrate(depth, confidence, pair.rig, pair.pose, height)
+            elevation.integrate(depth, confidence, pair.rig, pair.pose, height, pair.shift)
         except ValueError as error:
             raise DatasetError(f"{pair.folder}: {error}") from None
     return elevation, assess(elevation, ZHURONG, TraversabilityConfig())

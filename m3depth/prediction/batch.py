@@ -31,6 +31,7 @@ from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.poses import ASSUMED_KEY, MOUNT_ASSUMED
 from m3depth.prediction.sources.video_frames import EndOfVideo
 from m3depth.prediction.step_figure import steps_record
+from marssim.base.calibration.rectified import SHIFT_KEY
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched
 from marssim.base.command.run import describe
@@ -191,6 +192,7 @@ def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]
     agreeing = round(result.agreeing / result.compared, 4) if result.compared else None
     steps = {"steps": steps_record(result.steps)} if result.steps else {}
     return {
+        SHIFT_KEY: result.shift,
         "rows_aligned": removed,
         "depth_m": percentiles,
         "share_with_depth": round(depth.size / result.prediction.depth.size, 4),

@@ -125,6 +125,7 @@ class PairPrediction:
         steps: Disparity after each refinement step, with --steps, without the common disparity.
         common: Common disparity that stayed out while the pair was matched [px].
         rectified: What is to be written of a pair that was raw.
+        shift: The right camera's cx minus the left one's [px].
     """
 
     left: np.ndarray
@@ -137,6 +138,7 @@ class PairPrediction:
     steps: Sequence[StepMap] = ()
     common: float = 0.0
     rectified: CheckedPair | None = None
+    shift: float = 0.0
 
 
 def prepare(
@@ -233,7 +235,7 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     steps = refinement_steps(shown, method, nearest, options.max_pixels) if options.steps else []
     return PairPrediction(
         pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common,
-        pair.rectified,
+        pair.rectified, pair.common + pair.moved,
     )  # fmt: skip
 
 

@@ -209,7 +209,7 @@ class ElevationMap:
 
     def integrate(
         self, depth: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, camera_pose: np.ndarray,
-        camera_height: float = ZHURONG.mount.height,
+        camera_height: float = ZHURONG.mount.height, shift: float = 0.0,
     ) -> int:  # fmt: skip
         """Fuse one depth map.
 
@@ -221,6 +221,8 @@ class ElevationMap:
             camera_pose: (4, 4) left camera to world.
             camera_height: Height of the cameras over level ground [m], which says how fast its disparity changes, and
                 how many rows see it.
+            shift: The right camera's cx minus the left one's [px]: above 0 for cameras that are toed in, whose right
+                one sees more of what is near.
 
         Returns:
             The number of points used.
@@ -237,7 +239,7 @@ class ElevationMap:
         if not camera_height > 0:
             raise ValueError(f"camera_height must be above 0 m, got {camera_height:g}")
         pose, valid = np.asarray(camera_pose, float), self._valid(depth, confidence, rig, camera_height)
-        points, z, trust, may_show_ground = self._points(depth, valid, confidence, rig, pose, camera_height)
+        points, z, trust, may_show_ground = self._points(depth, valid, confidence, rig, pose, camera_height, shift)
         if z.size:
             self._fuse(points, z, trust, may_show_ground, rig.fb)
             self._mark_drops(depth, valid, rig, pose)
@@ -257,7 +259,7 @@ class ElevationMap:
 
     def _points(
         self, depth: np.ndarray, valid: np.ndarray, confidence: np.ndarray | None, rig: StereoRig, pose: np.ndarray,
-        camera_height: float,
+        camera_height: float, shift: float,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Return the points that are fused: world positions (m, 3), depth (m,), confidence (m,), and whether they may
         show ground (m,).
@@ -275,8 +277,8 @@ class ElevationMap:
         local = np.stack([slope_u[columns] * z, slope_v[rows] * z, z], axis=1)
         points = local @ pose[:3, :3].T.astype(np.float32)
         trust = np.ones_like(z) if confidence is None else np.asarray(confidence, np.float32)[rows, columns]
-        seen_by_both = columns >= rig.fb / z  # the right eye sees the point at a column >= 0
-        may_show_ground = (trust >= c.sure_alone) | seen_by_both
+        in_right = columns - rig.fb / z + shift  # [px] the column at which the right eye sees the point
+        may_show_ground = (trust >= c.sure_alone) | ((in_right >= 0) & (in_right < rig.camera.width))
         return points.astype(np.float64) + pose[:3, 3], z, trust, may_show_ground
 
     def _mark_drops(self, depth: np.ndarray, valid: np.ndarray, rig: StereoRig, pose: np.ndarray) -> None:

@@ -190,6 +190,23 @@ def test_pairs_without_confidence_are_a_warning_and_refuse_its_limit(tmp_path, c
     assert json.loads((tmp_path / "map/map.json").read_text())["min_confidence"] is None
 
 
+def known_with(folder: Path, shift: float | None) -> int:
+    """Cells that a pair of uncertain depth measures, of cameras whose principal points are a shift [px] apart."""
+    write_pair(folder)
+    (folder / "confidence.npy").write_bytes(encode_map(np.full((120, 160), 0.6), "confidence", "npy"))
+    record = json.loads((folder / "prediction.json").read_text())
+    (folder / "prediction.json").write_text(json.dumps(record | ({} if shift is None else {"shift_px": shift})))
+    elevation, _ = make_map(find_pairs(folder), MapOptions(folder, folder))
+    return int(elevation.measured.sum())
+
+
+def test_cameras_that_are_toed_in_see_more_of_the_near_ground_with_both_eyes(tmp_path):
+    """Their right image begins farther to the left in the view, and ends there too."""
+    names = {"recorded before": None, "parallel": 0.0, "toed in": 6.0, "apart": 150.0}
+    known = {name: known_with(tmp_path / name, shift) for name, shift in names.items()}
+    assert known["recorded before"] == known["parallel"] < known["toed in"] > 4 * known["apart"]
+
+
 @pytest.mark.parametrize("is_known", [True, False])
 @pytest.mark.parametrize(("baseline", "height"), [(0.3, 1.2), (0.3, 0.5), (0.3, 0.25), (0.05, 0.1)])
 def test_level_ground_is_no_edge_for_cameras_close_to_it(tmp_path, baseline, height, is_known):
@@ -250,6 +267,7 @@ def test_what_stands_above_the_camera_does_not_blur_the_edges_between_surfaces(t
         ("broken", "depth.npy: is not a map of depth"),
         ("size", "a: depth is (7, 7), the rig's camera has (120, 160) pixels"),
         ("record", "a/prediction.json: holds no rig and pose of a pair"),
+        ("shift", "a/prediction.json: shift_px must be a number [px], got 'wide'; predict it again"),
         ("turned", "a/prediction.json: pose must be a rotation and a translation above the row 0 0 0 1; predict it"),
         ("far apart", "--cell 0.1: the pairs lie up to 9000 m apart"),
         ("far range", "--max-range 400: the pairs lie up to 0 m apart, and depth reaches 5"),
@@ -279,6 +297,9 @@ def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
         np.save(data / "a/depth.npy", np.ones((7, 7), np.float32))
     elif case == "record":
         (data / "a/prediction.json").write_text('{"pose": [1, 2]}')
+    elif case == "shift":
+        record = json.loads((data / "a/prediction.json").read_text())
+        (data / "a/prediction.json").write_text(json.dumps(record | {"shift_px": "wide"}))
     elif case == "turned":
         record = json.loads((data / "a/prediction.json").read_text())
         record["pose"] = np.transpose(record["pose"]).tolist()

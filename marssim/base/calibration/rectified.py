@@ -26,6 +26,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 
 ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
 ROUNDING = 0.05  # [px] by which the cameras of one rectified pair may differ in a file
+SHIFT_KEY = "shift_px"  # of a Calibration's shift in prediction.json
 OPENCV = ("%YAML", "<?xml", "{")  # how its files begin
 LENS_FIELDS = ("distortion_coefficients", "right", "vergence_deg", "rotation_deg")  # of rig_file
 KITTI_GREY = frozenset({"image_0", "image_00"})  # folders of the left grey camera; the left colour camera has number 2
@@ -116,8 +117,8 @@ def _of_opencv_rectification(first: str, second: str) -> str:
             if {"P1", "P2"} <= content.keys() or "Q" in content:
                 return text
     raise ValueError(
-        "is not a CameraInfo of ROS, and neither file holds P1 and P2 or Q of OpenCV's stereoRectify, the only kinds that "
-        f"come in two files; {ADVICE}"
+        "is not a CameraInfo of ROS, and neither file holds P1 and P2 or Q of OpenCV's stereoRectify, the only kinds "
+        f"that come in two files; {ADVICE}"
     )
 
 
