@@ -228,8 +228,8 @@ def _estimate(numbers: np.ndarray, scenes: Sequence[Any], most: float) -> tuple[
         return None, None
     with np.errstate(divide="ignore", invalid="ignore"):
         value, *samples = quotients[:, 0] / quotients[:, 1:].prod(axis=1)
-    if np.ptp(samples) <= 1e-12 * value:
-        return float(value), None
+        if np.ptp(samples) <= 1e-12 * value:
+            return float(value), None
     return float(value), interval(np.array(samples), value, len(set(kept)), within=(0, most))
 
 

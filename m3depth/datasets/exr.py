@@ -57,6 +57,6 @@ def only_layer(path: Path, layers: Mapping[str, Layer], kind: str, fits: Callabl
     found = named or plain or fitting
     if len(found) > 1:
         raise DatasetError(
-            f"{path}: {' and '.join(sorted(found))} may all hold the {kind}; one layer alone may be named after it"
+            f"{path}: {' and '.join(sorted(found))} may all hold the {kind}; the name of one layer must tell it"
         )
     return next(iter(found.values()), None)

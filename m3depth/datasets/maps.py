@@ -35,8 +35,8 @@ def read_map(path: Path, kind: Kind, unit: float | None = None, zero_is_far: boo
         (H, W) float32, NaN where unknown; sky has disparity 0 or depth inf.
 
     Raises:
-        DatasetError: The file is missing, unreadable, of channels that differ, or a PNG of 8 bits without a unit; the
-            message names it.
+        DatasetError: The file is missing, unreadable, of channels that differ, of several EXR layers whose names do not
+            tell which is the depth, or a PNG of 8 bits without a unit; the message names it.
         ImportError: An EXR file without OpenEXR; the message names the extra.
     """
     stored = _numbers(path)

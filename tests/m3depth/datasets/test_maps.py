@@ -50,7 +50,7 @@ def test_the_depth_of_an_exr_file_is_that_of_its_layer(tmp_path, channels) -> No
 
 def test_layers_of_an_exr_file_that_do_not_tell_which_is_the_depth_are_named(tmp_path) -> None:
     put_channels(tmp_path / "d.exr", {"near.Z": DEPTH, "far.Z": DEPTH + 1})
-    with pytest.raises(DatasetError, match=r"d\.exr: far and near may all hold the depth; one layer alone"):
+    with pytest.raises(DatasetError, match=r"d\.exr: far and near may all hold the depth; the name of one layer must"):
         read_map(tmp_path / "d.exr", "depth")
 
 
