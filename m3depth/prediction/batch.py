@@ -144,12 +144,16 @@ def record_of(
         options: The command's flags.
 
     Raises:
-        ValueError: The clouds should be in the world, and the pair has no pose.
+        ValueError: The clouds should be in the world or on the rover, and the pair has no pose there.
     """
     pose = inputs.pose(pair, rig, options)
     if pose is None and options.cloud_frame == "world":
         name = pair.name or str(pair.given[0])
         raise ValueError(f"{name}: has no pose, which --cloud-frame world needs: give --poses")
+    if options.cloud_frame == "rover" and inputs.lacks_frames(pair):
+        raise ValueError(
+            "the frames of the bag do not say where the camera is on the rover then, which --cloud-frame rover needs"
+        )
     return {
         **method.record,
         "left": str(pair.left), "right": str(pair.right),

@@ -86,7 +86,8 @@ class PredictOptions:
     """Place of the cameras on the rover: metres ahead of its origin, which is on the ground, metres above the ground,
     above 0, and degrees that they look down, -90 to 90. The rows of raw images are level. Without it, that in the rig
     file of m3depth.rectify, which the labels of a rover's images give, that of a drive of marssim, or Zhurong's (0.65
-    1.2 20), with a warning where that matters. A bag whose frames have the camera in base_link needs none."""
+    1.2 20), with a warning where that matters. A bag whose frames have the camera in base_footprint or base_link needs
+    none."""
     weights: Path | None = None
     """Weights file (.safetensors) of m3depth.train to predict with; the same as --estimator m3depth:PATH. Without it,
     the shipped weights."""

@@ -14,19 +14,20 @@ import numpy as np
 from m3depth.datasets.image_files import as_pair
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.prediction.masks import read_valid
-from m3depth.prediction.options import Rectify
+from m3depth.prediction.options import PredictOptions, Rectify
 from m3depth.prediction.sources.raw_eye import RawEye
 from marssim.base.bags.camera_info import raw_camera, rectified_camera, shows_raw_images
 from marssim.base.bags.images import check_encoding, image_array
 from marssim.base.bags.messages import SECOND
-from marssim.base.bags.names import BASE_LINK
 from marssim.base.bags.reader import Bag, stamp_of
 from marssim.base.bags.stereo_topics import find_stereo_topics, is_rectified, match_stamps
-from marssim.base.bags.transforms import read_transforms
+from marssim.base.bags.transform_reader import read_transforms
+from marssim.base.bags.transforms import ROVER_FRAMES
 from marssim.base.calibration.camera_info import CameraInfo
 from marssim.base.calibration.rectified import Calibration, calibration_of_infos
 from marssim.base.camera import PinholeCamera
 from marssim.base.files.json_file import DatasetError
+from marssim.base.pose import FARTHEST
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class BagPairs:
         rate: Pairs a second; 0 if there are less than one a second.
         topics: The topics of the pair.
         frame: Frame of the left images.
+        rover: Frame of the rover on which the cameras are; None if the bag has none.
         world: Frame of the poses; None if the bag has none.
         transforms: The frames of the bag.
         is_raw: Whether the images are rectified here.
@@ -101,7 +103,7 @@ class BagPairs:
         self.is_raw = any(eye.raw is not None for eyes in self._eyes for eye in eyes)
         if self.is_raw:
             print(f"note: the images of {t.left} and {t.right} are rectified as their CameraInfo say", file=sys.stderr)
-        self.transforms = read_transforms(self.bag)
+        self.transforms = read_transforms(self.bag, t.left)
         first = [self.bag.message(entry) for entry in self._pairs[0]]
         for topic, message in zip((self.topics.left, self.topics.right), first, strict=True):
             try:
@@ -109,7 +111,8 @@ class BagPairs:
             except ValueError as error:
                 raise DatasetError(f"{path}, {topic}: {error}") from None
         self.frame = str(first[0].header.frame_id)
-        self.world = self.transforms.world(self.frame)
+        self.rover = self.transforms.rover(self.frame)
+        self.world = self._world()
 
     def stamp(self, number: int) -> int:
         """Return the stamp of the left image of a pair [ns]."""
@@ -148,13 +151,11 @@ class BagPairs:
 
     def pose(self, number: int) -> np.ndarray | None:
         """Return the pose of the left camera in the world, (4, 4); None if it is not known."""
-        return None if self.world is None else self.transforms.pose(self.frame, self.stamp(number))
+        return None if self.world is None else self.transforms.pose(self.frame, self.stamp(number), self.world)
 
     def on_rover(self, number: int) -> np.ndarray | None:
-        """Return the pose of the left camera in base_link, (4, 4); None if it is not known."""
-        if not self.transforms.contains(BASE_LINK, self.frame):
-            return None
-        return self.transforms.pose(self.frame, self.stamp(number), BASE_LINK)
+        """Return the pose of the left camera in the frame of the rover, (4, 4); None if it is not known then."""
+        return None if self.rover is None else self.transforms.pose(self.frame, self.stamp(number), self.rover)
 
     def raw_frame(self, number: int) -> np.ndarray | None:
         """Return the pose of the rectified left camera in the frame of the raw one, (4, 4); None if it is not raw."""
@@ -166,6 +167,29 @@ class BagPairs:
         eyes = (self._eye(side, entry.stamp) for side, entry in enumerate(self._pairs[number]))
         left, right = (None if eye is None or eye.raw is None else eye.raw.shown for eye in eyes)
         return left, right
+
+    def _world(self) -> str | None:
+        """Return the frame of the poses, and tell what of the frames cannot be used."""
+        if len(self.transforms) and self.transforms.parent(self.frame) is None:
+            print(
+                f"warning: {self.bag.path}: no frame says where {self.frame!r} is, which is that of {self.topics.left}",
+                file=sys.stderr,
+            )
+        for child, kept, others in self.transforms.other_parents(self.frame):
+            print(
+                f"warning: {self.bag.path}: {child} is recorded in {kept} and in {', '.join(others)}; {kept} is used",
+                file=sys.stderr,
+            )
+        world = self.transforms.world(self.frame)
+        poses = (self.transforms.pose(self.frame, self.stamp(n), world) for n in range(self.count if world else 0))
+        if any(pose is not None and np.abs(pose[:3, 3]).max() > FARTHEST for pose in poses):
+            print(
+                f"warning: {self.bag.path}: the cameras are over {FARTHEST:g} m from the origin of {world}, so there "
+                "are no poses; record a frame map near the drive, or give --poses",
+                file=sys.stderr,
+            )
+            return None
+        return world
 
     def _eye(self, side: int, stamp: int) -> _Eye | None:
         """Return an eye (0 is the left one) at a time [ns]: by its last CameraInfo before, or the first."""
@@ -232,6 +256,27 @@ class BagPairs:
         if not eyes:
             raise DatasetError(f"{self.bag.path}: has lost the messages of {topic}, of which its index speaks")
         return sorted(eyes, key=lambda eye: eye.stamp)
+
+
+def check_result_bag(options: PredictOptions, bag: BagPairs) -> None:
+    """Raise ValueError for a bag of results whose frames would lack that of its clouds, or its depth the sky."""
+    if "bag" in options.write and not {"npy", "tiff"} & set(options.map_format):
+        raise ValueError(
+            f"--map-format {' '.join(options.map_format)}: the bag of the results is made of the maps, and these do "
+            "not tell sky from unknown; add npy, or leave bag out of --write"
+        )
+    if not {"bag", "cloud"} <= set(options.write):
+        return
+    if options.poses is not None and options.cloud_frame == "world":
+        raise ValueError(
+            f"--cloud-frame world: the clouds would be in the world of {options.poses}, which is no frame of the bag; "
+            "leave bag out of --write, or --poses"
+        )
+    if options.cloud_frame == "rover" and bag.rover is None and bag.transforms.parent(bag.frame) is not None:
+        raise ValueError(
+            f"--cloud-frame rover: {bag.frame} of {bag.bag.path} stands in no frame of a rover "
+            f"({', '.join(ROVER_FRAMES)}); take camera or world, or leave bag out of --write"
+        )
 
 
 def _content(message: Any) -> tuple[Any, ...]:

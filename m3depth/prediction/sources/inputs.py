@@ -20,7 +20,7 @@ from m3depth.datasets.rigs import NATECAM_NAME, FileRig
 from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.sources.bag_pairs import BagPairs
+from m3depth.prediction.sources.bag_pairs import BagPairs, check_result_bag
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.prediction.sources.poses import given_rover_pose, read_poses, rolled, rover_pose, sample_mount, sample_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
@@ -120,6 +120,8 @@ class Inputs:
 
         Zhurong's cameras by name are of the rover whose place is assumed.
         """
+        if self.lacks_frames(pair):
+            return True
         if options.calib == (NATECAM_NAME,):
             return False
         return given_rover_pose(options, pair.given[0], 1.0, _recorded_on_rover(pair)) is None
@@ -139,10 +141,16 @@ class Inputs:
         """
         if isinstance(self.recording, BagPairs) and pair.on_rover is not None:
             return pair.on_rover
+        if self.lacks_frames(pair):
+            options = replace(options, mount=None)
         recorded = _recorded_on_rover(pair)
         pose = rover_pose(options, pair.given[0], rig.baseline, recorded)
         is_known = options.mount is None and (recorded is not None or not self.is_mount_assumed(pair, options))
         return pose if is_known or pair.raw_frame is None else rolled(pose, rig.baseline, pair.raw_frame)
+
+    def lacks_frames(self, pair: PairInput) -> bool:
+        """Return whether a bag has a frame of the rover, but does not say where it is at the time of a pair."""
+        return isinstance(self.recording, BagPairs) and self.recording.rover is not None and pair.on_rover is None
 
     @cached_property
     def _first(self) -> PairInput:
@@ -191,12 +199,12 @@ def find_inputs(options: PredictOptions) -> Inputs:
     if options.format not in ("auto", "list", "folder") and other is not None:
         raise ValueError(f"--format {options.format} is for datasets: it is the layout of one; leave it out")
     if isinstance(inputs.recording, BagPairs):
-        _check_result_bag(options)
+        check_result_bag(options, inputs.recording)
     elif options.camera_info:
         raise ValueError("--camera-info is for ROS 2 bags: it names topics")
     elif options.stamp_tolerance != PredictOptions.stamp_tolerance:
         raise ValueError("--stamp-tolerance is for ROS 2 bags: it pairs their images")
-    if isinstance(inputs.recording, BagPairs) and options.mount and any(p.on_rover is not None for p in inputs.pairs):
+    if isinstance(inputs.recording, BagPairs) and options.mount and inputs.recording.rover is not None:
         where = f"the frames of {options.images[0]} say where the cameras are on the rover"
         print(f"warning: {where}: --mount is not used", file=sys.stderr)
     if not inputs.pairs:
@@ -224,20 +232,6 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError(f"two pairs have the name {twice}, so their results would be one; rename an image")
     files = (*options.calib, *options.mask, *([] if options.poses is None else [options.poses]))
     return replace(inputs, flag_files=files)
-
-
-def _check_result_bag(options: PredictOptions) -> None:
-    """Raise ValueError for a bag of results whose frames would lack the world of its clouds, or its depth the sky."""
-    if "bag" in options.write and not {"npy", "tiff"} & set(options.map_format):
-        raise ValueError(
-            f"--map-format {' '.join(options.map_format)}: the bag of the results is made of the maps, and these do "
-            "not tell sky from unknown; add npy, or leave bag out of --write"
-        )
-    if options.poses is not None and options.cloud_frame == "world" and {"bag", "cloud"} <= set(options.write):
-        raise ValueError(
-            f"--cloud-frame world: the clouds would be in the world of {options.poses}, which is no frame of the bag; "
-            "leave bag out of --write, or --poses"
-        )
 
 
 def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:

@@ -26,6 +26,7 @@ def raw_camera(message: Any) -> PosedCamera:
     Raises:
         ValueError: The camera is not calibrated, or its distortion is not supported; the message says so.
     """
+    _check_finite(message)
     k, size = _of_image(message.k, "K", message)
     model = message.distortion_model
     if model and model not in MODELS:
@@ -33,6 +34,12 @@ def raw_camera(message: Any) -> PosedCamera:
     rotation = np.array(message.r, float).reshape(3, 3)
     turn = nearest_rotation(rotation).T if rotation.any() else np.eye(3)
     return PosedCamera(lens_of(k, np.array(message.d, float), MODELS.get(model, False)), turn, np.zeros(3), size)
+
+
+def _check_finite(message: Any) -> None:
+    for name, values in (("D", message.d), ("R", message.r)):
+        if not np.isfinite(np.array(values, float)).all():
+            raise ValueError(f"{name} holds numbers that are not finite: the camera is not calibrated")
 
 
 def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[int, int]]:
@@ -57,6 +64,11 @@ def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[i
 
 
 def shows_raw_images(message: Any) -> bool:
-    """Return whether the camera has a distortion or a rotation, which rectified images no longer show."""
+    """Return whether the camera has a distortion or a rotation, which rectified images no longer show.
+
+    Raises:
+        ValueError: The camera is not calibrated; the message says so.
+    """
+    _check_finite(message)
     turned = np.abs(np.array(message.r, float).reshape(3, 3) - np.eye(3)).max() > 1e-9
     return bool(turned and np.any(message.r)) or bool(np.any(np.abs(message.d) > 1e-12))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import cv2
@@ -103,4 +104,30 @@ def _decompressed(message: Any) -> np.ndarray:
     image = decode(bytes(message.data))
     if image is None:
         raise ValueError(f"the compressed image of format {message.format!r} is not readable")
-    return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
+    return _demosaiced(image, message.format) if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
+
+
+def _demosaiced(image: np.ndarray, form: str) -> np.ndarray:
+    """Return the RGB image of a Bayer mosaic; an image that is grey by its format as it is.
+
+    The format is "ENCODING; CODEC compressed ENCODING" of the image before and of what was compressed. image_transport
+    keeps mosaics as they are in PNG and TIFF, where it leaves out the second encoding, and in JPEG if it is asked to.
+
+    Args:
+        image: (H, W).
+        form: CompressedImage.format.
+
+    Raises:
+        ValueError: The mosaic is of an encoding that is not supported; the message begins with it.
+    """
+    parts = re.match(r"\s*(bayer_\w+)\s*;\s*(\w+)\s+compressed\s*(\w*)", form)
+    if parts is None:
+        return image
+    encoding, codec, compressed = parts.groups()
+    if compressed != encoding and (compressed or codec not in ("png", "tiff")):
+        return image
+    if encoding not in ENCODINGS:
+        raise ValueError(f"encoding {encoding!r} is not supported; {', '.join(ENCODINGS)} are")
+    conversion = ENCODINGS[encoding][2]
+    assert conversion is not None  # of a mosaic
+    return cv2.cvtColor(image, conversion)

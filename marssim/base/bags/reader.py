@@ -16,6 +16,8 @@ from marssim.base.files.json_file import DatasetError
 SUFFIXES = (".mcap", ".db3")
 ROS_1 = ".bag"
 METADATA = "metadata.yaml"
+COMPRESSED = tuple(f"{suffix}.zstd" for suffix in SUFFIXES)
+ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of what zstd compressed; those of a message are 0 and its order of bytes
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Entry:
 def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag, also like one without its metadata.yaml, or one of ROS 1."""
     if not path.is_dir():
-        return path.suffix.lower() in (*SUFFIXES, ROS_1)
+        return path.name.lower().endswith((*SUFFIXES, *COMPRESSED, ROS_1))
     if any(next(path.glob(f"*{suffix}"), None) is not None for suffix in SUFFIXES):
         return True
     metadata = path / METADATA
@@ -65,6 +67,8 @@ class Bag:
         self.path = path
         if path.suffix.lower() == ROS_1 and path.is_file():
             raise DatasetError(f"{path}: is a bag of ROS 1; `rosbags-convert` makes one of ROS 2 of it")
+        if path.name.lower().endswith(COMPRESSED) and path.is_file():
+            raise DatasetError(f"{path}: is compressed, as only the {METADATA} beside it says; give their folder")
         if path.is_dir() and not (path / METADATA).is_file():
             raise DatasetError(
                 f"{path / METADATA}: no such file; `ros2 bag reindex` makes it, or give the .mcap file in the folder"
@@ -118,7 +122,13 @@ class Bag:
         connections = [c for c in self._reader.connections if c.topic in topics]
         if connections:  # the reader takes none for all
             with self._naming():
-                yield from self._reader.messages(connections, start=start, stop=stop)
+                for connection, recorded, raw in self._reader.messages(connections, start=start, stop=stop):
+                    if raw[:4] == ZSTD:
+                        raise DatasetError(
+                            f"{self.path}: its messages are compressed, as only the {METADATA} beside it says; give "
+                            "their folder"
+                        )
+                    yield connection, recorded, raw
 
     def _decoded(self, connection: Any, raw: bytes) -> Any:
         with self._naming(f", a message of {connection.topic}"):

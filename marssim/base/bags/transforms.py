@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
-
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from marssim.base.bags.names import BASE_LINK, MOVING_FRAMES, STATIC_FRAMES
-from marssim.base.bags.reader import Bag, stamp_of
+from marssim.base.bags.names import BASE_LINK, MAP, ODOM
 
-ODOMETRY_KIND = "nav_msgs/Odometry"
-ROVER_FRAMES = (BASE_LINK, "base_footprint", "base_stabilized", "base", "body", "chassis")  # also in a namespace
+# of a rover, also in a namespace; base_footprint is on the ground (REP 120), as this project's frame of the rover
+ROVER_FRAMES = ("base_footprint", BASE_LINK, "base_stabilized", "base", "body", "chassis")
+EARTH_FRAMES = ("earth", "ecef", "utm", "wgs84")  # in which a place has numbers of thousands of kilometres
 MOST_LEVELS = 100  # of frames in frames; more are a circle
 
 
@@ -20,17 +17,34 @@ class Transforms:
     """A tree of frames, some of which move.
 
     A moving frame is known between the first and the last time at which it was recorded, in between by interpolation.
+    A frame that is recorded in two frames is kept in `odom` or `map` (REP 105), or else in the first one.
+
+    Attributes:
+        odometry: Frames that stand where they stand by odometry alone.
     """
 
     def __init__(self) -> None:
+        self.odometry: set[str] = set()
         self._parent: dict[str, str] = {}
+        self._others: dict[str, set[str]] = {}
         self._fixed: dict[str, np.ndarray] = {}
         self._moving: dict[str, dict[int, np.ndarray]] = {}
         self._times: dict[str, np.ndarray] = {}
 
+    def __len__(self) -> int:
+        """Return how many frames stand in another one."""
+        return len(self._parent)
+
     def add(self, parent: str, child: str, pose: np.ndarray, stamp: int | None = None) -> None:
         """Add where a frame is: `pose` (4, 4) of the child in the parent at a time [ns]; None where it never moves."""
         parent, child = parent.lstrip("/"), child.lstrip("/")
+        held = self._parent.get(child, parent)
+        if held != parent:
+            self._others.setdefault(child, set()).update((held, parent))
+            if _preference(held) <= _preference(parent):
+                return
+            for poses in (self._fixed, self._moving, self._times):
+                poses.pop(child, None)
         self._parent[child] = parent
         if stamp is None:
             self._fixed[child] = pose
@@ -38,32 +52,54 @@ class Transforms:
             self._moving.setdefault(child, {})[stamp] = pose
             self._times.pop(child, None)
 
-    def has_parent(self, frame: str) -> bool:
-        """Return whether a frame stands in another one."""
-        return frame.lstrip("/") in self._parent
+    def parent(self, frame: str) -> str | None:
+        """Return the frame in which a frame stands; None if there is none."""
+        return self._parent.get(frame.lstrip("/"))
+
+    def other_parents(self, frame: str) -> list[tuple[str, str, list[str]]]:
+        """Return what is recorded in several frames, of a frame and those in which it stands: name, kept, left out."""
+        return [
+            (name, self._parent[name], sorted(self._others[name] - {self._parent[name]}))
+            for name in self._chain(frame) if name in self._others
+        ]  # fmt: skip
+
+    def moves(self, frame: str) -> dict[int, np.ndarray]:
+        """Return the poses of a frame in its parent, (4, 4) by their times [ns], in order; none if it never moves."""
+        return dict(sorted(self._moving.get(frame.lstrip("/"), {}).items()))
 
     def contains(self, outer: str, frame: str) -> bool:
         """Return whether a frame stands in another one, directly or in frames between them."""
-        for _ in range(MOST_LEVELS):
-            if (frame := frame.lstrip("/")) not in self._parent:
-                return False
-            frame = self._parent[frame]
-            if frame == outer.lstrip("/"):
-                return True
-        return False
+        return outer.lstrip("/") in self._chain(frame)[1:]
+
+    def fixed_root(self, frame: str) -> str | None:
+        """Return the outermost frame in which a frame stands; None if any of them moves."""
+        chain = self._chain(frame)
+        return None if not chain or any(name in self._moving for name in chain) else chain[-1]
+
+    def rover(self, frame: str) -> str | None:
+        """Return the frame of the rover in which a frame stands, by the names of ROVER_FRAMES; None if there is none.
+
+        Of several with one name, it is the outermost one.
+        """
+        around = self._chain(frame)[1:]
+        for name in ROVER_FRAMES:
+            if found := [outer for outer in around if _last(outer) == name]:
+                return found[-1]
+        return None
 
     def world(self, frame: str) -> str | None:
-        """Return the outermost frame that a frame moves in.
+        """Return the frame of the poses of a frame: the outermost one that it moves in, or `map` within that (REP 105).
 
-        None if it stands still, is not known, or moves in the rover alone, as a mast does: that is no world.
+        Frames of the Earth around others are passed over, since their numbers are too large for maps and clouds. None
+        if the frame stands still, is not known, or moves in the rover alone, as a mast does: that is no world.
         """
-        moves = False
-        for _ in range(MOST_LEVELS):
-            if (frame := frame.lstrip("/")) not in self._parent:
-                return frame if moves and frame.rpartition("/")[2] not in ROVER_FRAMES else None
-            moves |= frame in self._moving
-            frame = self._parent[frame]
-        return None
+        chain = self._chain(frame)
+        first = next((i for i, name in enumerate(chain) if name in self._moving), len(chain))
+        around = chain[first + 1 :]
+        at_map = next((i for i, name in enumerate(around) if _last(name) == MAP), len(around) - 1)
+        around = [name for name in around[: at_map + 1] if _last(name) not in ROVER_FRAMES]
+        local = [name for name in around if _last(name) not in EARTH_FRAMES]
+        return next(iter((local or around)[::-1]), None)
 
     def pose(self, frame: str, stamp: int, outer: str | None = None) -> np.ndarray | None:
         """Return the pose of a frame in another one at a time [ns].
@@ -77,18 +113,23 @@ class Transforms:
             (4, 4) pose; None if it is not known then, or the frame does not stand in `outer`.
         """
         pose = np.eye(4)
-        for _ in range(MOST_LEVELS):
-            frame = frame.lstrip("/")
-            if outer is not None and frame == outer.lstrip("/"):
+        for name in (chain := self._chain(frame)):
+            if name == (chain[-1] if outer is None else outer.lstrip("/")):
                 return pose
-            if frame not in self._parent:
-                return pose if outer is None else None
-            step = self._step(frame, stamp)
+            step = self._step(name, stamp) if name in self._parent else None
             if step is None:
                 return None
             pose = step @ pose
-            frame = self._parent[frame]
         return None
+
+    def _chain(self, frame: str) -> list[str]:
+        """Return a frame and those in which it stands, the outermost one last; none if they are a circle."""
+        chain = [frame.lstrip("/")]
+        while chain[-1] in self._parent:
+            if len(chain) > MOST_LEVELS:
+                return []
+            chain.append(self._parent[chain[-1]])
+        return chain
 
     def _step(self, frame: str, stamp: int) -> np.ndarray | None:
         """Return the pose of a frame in its parent at a time [ns], (4, 4); None if it is not known then."""
@@ -112,42 +153,11 @@ class Transforms:
         return out
 
 
-def read_transforms(bag: Bag) -> Transforms:
-    """Return the frames of a bag: those of /tf and /tf_static, and of odometry where /tf has none of its child.
-
-    Messages whose numbers are no pose are left out.
-
-    Raises:
-        DatasetError: The bag cannot be read.
-    """
-    tree = Transforms()
-    for topic, message in bag.messages([MOVING_FRAMES, STATIC_FRAMES]):
-        for item in message.transforms:
-            pose = _pose(item.transform.translation, item.transform.rotation)
-            if pose is not None:
-                stamp = None if topic == STATIC_FRAMES else stamp_of(item)
-                tree.add(item.header.frame_id, item.child_frame_id, pose, stamp)
-    for topic in bag.topics_of(ODOMETRY_KIND):
-        _add_odometry(tree, (message for _, message in bag.messages([topic])))
-    return tree
+def _last(frame: str) -> str:
+    """Return the name of a frame without its namespace."""
+    return frame.rpartition("/")[2]
 
 
-def _add_odometry(tree: Transforms, messages: Iterable[Any]) -> None:
-    """Add the poses of an odometry, unless its child stands somewhere already."""
-    for number, message in enumerate(messages):
-        if number == 0 and tree.has_parent(message.child_frame_id):
-            return
-        pose = _pose(message.pose.pose.position, message.pose.pose.orientation)
-        if pose is not None:
-            tree.add(message.header.frame_id, message.child_frame_id, pose, stamp_of(message))
-
-
-def _pose(position: Any, turn: Any) -> np.ndarray | None:
-    """Return the (4, 4) matrix of a position and a quaternion; None if they are none."""
-    quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
-    out = np.eye(4)
-    out[:3, 3] = position.x, position.y, position.z
-    if not np.isfinite(out).all() or not 0.5 < np.linalg.norm(quaternion) < 2:
-        return None
-    out[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    return out
+def _preference(parent: str) -> int:
+    """Return the rank of a frame as the one in which another one stands; the lowest is kept."""
+    return {ODOM: 0, MAP: 1}.get(_last(parent), 2)

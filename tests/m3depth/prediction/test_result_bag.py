@@ -9,8 +9,11 @@ from bag_of_planes import STAMPS, pose_of, write_planes
 
 from m3depth.predict import predict
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.sources.poses import mounted_camera_pose
 from m3depth.stereo.classical import SGBM
 from marssim.base.bags.messages import SECOND
+from marssim.base.bags.reader import Bag, stamp_of
+from marssim.base.bags.transform_reader import read_transforms
 from marssim.base.rover_spec import ZHURONG
 
 
@@ -167,17 +170,91 @@ def test_a_pair_without_points_has_an_empty_cloud(bag, tmp_path):
     assert (cloud.width, cloud.height, len(cloud.data)) == (0, 1, 0)
 
 
-def test_fixed_frames_without_a_time_do_not_make_the_bag_begin_in_1970(plane_samples, tmp_path):
+@pytest.mark.parametrize(("topic", "seconds"), [("/tf_static", 0), ("/tf_static", 1_700_000_000), ("/tf", 1_000_000)])
+def test_frames_of_another_clock_do_not_make_the_bag_last_for_decades(plane_samples, tmp_path, topic, seconds):
     from rosbags.highlevel import AnyReader
 
-    def untimed(topic, message):
-        if topic == "/tf_static":
+    def timed(of_message, message):
+        if of_message == topic == "/tf_static" or (of_message == topic and stamp_of(message.transforms[0]) > STAMPS[2]):
             for item in message.transforms:
-                item.header.stamp.sec = item.header.stamp.nanosec = 0
+                item.header.stamp.sec, item.header.stamp.nanosec = seconds, 0
         return message
 
-    source = write_planes(tmp_path / "planes", plane_samples, untimed)
-    predict(options(source, tmp_path / "out", write=("depth", "bag"), every=4), SGBM())
+    source = write_planes(tmp_path / "planes", plane_samples, timed)
+    predict(options(source, tmp_path / "out", write=("depth", "bag"), every=2), SGBM())
     with AnyReader([tmp_path / "out/bag"]) as reader:
-        assert reader.start_time == STAMPS[0]
-    assert len(of(by_rosbags(tmp_path / "out/bag"), "/tf_static")) == 1
+        assert (reader.start_time, reader.end_time) == (STAMPS[0], STAMPS[3 if topic == "/tf_static" else 2] + 1)
+    (fixed,) = of(by_rosbags(tmp_path / "out/bag"), "/tf_static")
+    assert len(fixed.transforms) == 3
+
+
+def renamed(**names):
+    """A change of the messages of frames and odometry that gives frames other names."""
+
+    def change(topic, message):
+        for item in getattr(message, "transforms", [message] if topic == "/odom" else []):
+            item.header.frame_id = names.get(item.header.frame_id, item.header.frame_id)
+            item.child_frame_id = names.get(item.child_frame_id, item.child_frame_id)
+        return message
+
+    return change
+
+
+@pytest.mark.parametrize("name", ["rover1/base_link", "base_footprint"])
+def test_the_rover_may_have_another_name(plane_samples, tmp_path, name):
+    source = write_planes(tmp_path / "planes", plane_samples[:2], renamed(base_link=name))
+    predict(options(source, tmp_path / "out", cloud_frame="rover"), SGBM())
+    messages = by_rosbags(tmp_path / "out/bag")
+    assert {cloud.header.frame_id for cloud in of(messages, "/stereo/points2")} == {name}
+    record = json.loads((tmp_path / "out/frame_000001/prediction.json").read_text())
+    np.testing.assert_allclose(record["camera_to_rover"], ZHURONG.mount.left_eye(0.27), atol=1e-9)
+    assert not record["mount_assumed"]
+
+
+def test_the_result_has_the_frames_of_odometry_too(plane_samples, tmp_path):
+    def without_tf_of_the_rover(topic, message):
+        if topic == "/tf":
+            message.transforms = [item for item in message.transforms if item.child_frame_id == "left_camera"]
+        return message
+
+    source = write_planes(tmp_path / "planes", plane_samples[:2], without_tf_of_the_rover)
+    predict(options(source, tmp_path / "out", cloud_frame="world"), SGBM())
+    assert {cloud.header.frame_id for cloud in of(by_rosbags(tmp_path / "out/bag"), "/stereo/points2")} == {"odom"}
+    tree = read_transforms(Bag(tmp_path / "out/bag"))
+    for number, stamp in enumerate(STAMPS[:2]):
+        expected = pose_of(number) @ ZHURONG.mount.left_eye(0.27)
+        np.testing.assert_allclose(tree.pose("left_camera_optical", stamp, "odom"), expected, atol=1e-9)
+
+
+def test_a_camera_without_frames_stands_on_the_rover_by_its_mount(plane_samples, tmp_path):
+    source = write_planes(
+        tmp_path / "planes", plane_samples[:1], lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m
+    )
+    predict(options(source, tmp_path / "out", cloud_frame="rover", mount=(0.5, 2.0, 45.0)), SGBM())
+    assert of(by_rosbags(tmp_path / "out/bag"), "/stereo/points2")[0].header.frame_id == "base_link"
+    found = read_transforms(Bag(tmp_path / "out/bag")).pose("left_camera_optical", STAMPS[0], "base_link")
+    np.testing.assert_allclose(found, mounted_camera_pose((0.5, 2.0, 45.0), 0.27), atol=1e-9)
+
+
+def test_a_camera_in_frames_without_a_rover_gives_no_clouds_on_it(plane_samples, tmp_path):
+    source = write_planes(tmp_path / "planes", plane_samples[:1], renamed(base_link="drone"))
+    with pytest.raises(
+        ValueError, match=r"^--cloud-frame rover: left_camera_optical of .* stands in no frame of a rove"
+    ):
+        predict(options(source, tmp_path / "out", cloud_frame="rover"), SGBM())
+    predict(options(source, tmp_path / "out", cloud_frame="rover", write=("depth", "cloud")), SGBM())
+
+
+def test_points_that_32_bits_cannot_tell_apart_are_reported(plane_samples, tmp_path, capsys):
+    def far(topic, message):
+        if topic == "/tf":
+            for item in message.transforms:
+                item.transform.translation.x += 500e3 if item.child_frame_id == "odom" else 0
+        return message
+
+    source = write_planes(tmp_path / "planes", plane_samples[:1], far)
+    predict(options(source, tmp_path / "out", cloud_frame="world"), SGBM())
+    warning = capsys.readouterr().err
+    assert "m from the origin of map, where the 32-bit numbers of its clouds are 31 mm apart" in warning
+    predict(options(source, tmp_path / "near", cloud_frame="rover"), SGBM())
+    assert "32-bit" not in capsys.readouterr().err

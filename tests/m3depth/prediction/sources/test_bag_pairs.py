@@ -1,5 +1,6 @@
 """Pairs of bags: what else may be in one, and one line for each thing that is wrong."""
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -222,6 +223,52 @@ def test_the_camera_on_the_rover_is_known_before_the_first_pose_of_the_rover_and
     assert [pairs.pose(n) is None for n in range(3)] == [True, False, True]
     for number in range(3):
         np.testing.assert_allclose(pairs.on_rover(number), ZHURONG.mount.left_eye(0.27), atol=1e-9)
+
+
+def test_pairs_at_which_the_mast_is_unknown_take_no_other_place_on_the_rover(make, tmp_path, capsys):
+    def late(topic, message):
+        if topic == "/tf" and stamp_of(message.transforms[0]) < STAMPS[1]:
+            message.transforms = [item for item in message.transforms if item.child_frame_id != "left_camera"]
+        return message
+
+    bag = make(late, count=3)
+    flags = ["--method", "sgbm", "--write", "depth", "cloud", "--mount", "0", "2", "45"]
+    assert main([str(bag), "--out", str(tmp_path / "rover"), *flags, "--cloud-frame", "rover"]) == 0
+    printed = capsys.readouterr()
+    assert "--mount is not used" in printed.err and "2 of 3 pairs; 1 skipped" in printed.out
+    assert "frame_000000 is skipped: the frames of the bag do not say where the camera is on the rover" in printed.err
+    assert main([str(bag), "--out", str(tmp_path / "camera"), *flags]) == 0
+    records = [json.loads((tmp_path / f"camera/frame_00000{n}/prediction.json").read_text()) for n in range(3)]
+    assert [record["mount_assumed"] for record in records] == [True, False, False]
+    for record in records:
+        np.testing.assert_allclose(record["camera_to_rover"], ZHURONG.mount.left_eye(0.27), atol=1e-9)
+
+
+def test_poses_in_a_frame_of_the_earth_are_left_out(make, capsys):
+    def on_earth(topic, message):
+        if topic == "/tf":
+            message.transforms = message.transforms[1:]
+            message.transforms[0].header.frame_id = "utm"
+            message.transforms[0].transform.translation.y += 4.6e6
+        return message
+
+    pairs = BagPairs(make(on_earth))
+    assert pairs.world is None and pairs.pose(0) is None and pairs.on_rover(0) is not None
+    assert "the cameras are over 1e+06 m from the origin of utm, so there are no poses" in capsys.readouterr().err
+
+
+def test_frames_that_do_not_fit_are_reported(make, capsys):
+    def two(topic, message):
+        if topic == "/tf" and stamp_of(message.transforms[0]) == STAMPS[1]:
+            message.transforms[1].header.frame_id = "vo"
+        return message
+
+    bag = make(two)
+    assert BagPairs(bag).pose(0) is not None
+    assert capsys.readouterr().err == f"warning: {bag}: base_link is recorded in odom and in vo; odom is used\n"
+    shutil.rmtree(bag)
+    BagPairs(bag := make(only("image_rect", lambda m: setattr(m.header, "frame_id", "eye") or m)))
+    assert f"{bag}: no frame says where 'eye' is, which is that of /stereo/left/image_rect" in capsys.readouterr().err
 
 
 def test_pairs_before_the_first_pose_stay_out_of_the_world(make, tmp_path, capsys):

@@ -48,6 +48,15 @@ def test_a_distortion_or_a_rotation_tells_raw_images():
     assert shows_raw_images(bent) and shows_raw_images(turned) and not shows_raw_images(empty)
 
 
+@pytest.mark.parametrize("name", ["d", "r"])
+def test_a_distortion_or_a_rotation_that_is_no_number_is_reported(name):
+    message = info()
+    getattr(message, name)[:] = np.nan
+    for read in (shows_raw_images, raw_camera):
+        with pytest.raises(ValueError, match=f"^{name.upper()} holds numbers that are not finite: the camera is not"):
+            read(message)
+
+
 @pytest.mark.parametrize(
     ("model", "terms"),
     [

@@ -96,3 +96,29 @@ def test_clouds_with_padded_rows_and_colours_as_whole_numbers_are_read():
     read, seen = cloud_arrays(cloud)
     np.testing.assert_array_equal(read, points.reshape(-1, 3))
     np.testing.assert_array_equal(seen, colours.reshape(-1, 3))
+
+
+def compressed(form, image, suffix):
+    data = np.frombuffer(cv2.imencode(suffix, image)[1], np.uint8)
+    return new_message("sensor_msgs/CompressedImage", header=header(1, "eye"), format=form, data=data)
+
+
+@pytest.mark.parametrize("pattern", BAYER)
+@pytest.mark.parametrize(
+    ("form", "suffix", "is_mosaic"),
+    [
+        ("{0}; png compressed ", ".png", True), ("{0}; tiff compressed", ".tiff", True),
+        ("{0}; jpeg compressed {0}", ".png", True), ("{0}; jpeg compressed mono8", ".png", False),
+        ("{0}; jpeg compressed ", ".png", False), ("mono8; png compressed ", ".png", False), ("png", ".png", False),
+    ],
+)  # fmt: skip
+def test_a_compressed_mosaic_becomes_the_colours_of_the_same_mosaic(pattern, form, suffix, is_mosaic):
+    """As image_transport names them; lossless, so that pixels can be compared."""
+    image = image_array(compressed(form.format(f"bayer_{pattern}8"), mosaic(BAYER[pattern]), suffix))
+    plain = image_array(message(f"bayer_{pattern}8", packed(mosaic(BAYER[pattern]))))
+    np.testing.assert_array_equal(image, plain if is_mosaic else mosaic(BAYER[pattern]))
+
+
+def test_a_compressed_mosaic_of_16_bits_is_refused():
+    with pytest.raises(ValueError, match=r"^encoding 'bayer_rggb16' is not supported"):
+        image_array(compressed("bayer_rggb16; png compressed ", RGB[..., 0].astype(np.uint16), ".png"))

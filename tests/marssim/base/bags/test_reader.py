@@ -141,3 +141,27 @@ def test_a_type_that_a_bag_defines_otherwise_is_named(drive):
         library.check_definition("sensor_msgs/msg/Image", other)
     with pytest.raises(ValueError, match=r"a_b/msg/C is no type of ROS 2 Jazzy"):
         library.check_definition("a_b/msg/C", definition)
+
+
+def test_compressed_messages_and_files_are_read_by_their_folder_alone(drive, tmp_path):
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+
+    for mode in (CompressionMode.MESSAGE, CompressionMode.FILE):
+        path = tmp_path / mode.name
+        unopened = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+        unopened.set_compression(mode, CompressionFormat.ZSTD)
+        with Reader(drive.path) as reader, unopened as writer:
+            topics = {}
+            for connection, stamp, raw in reader.messages():
+                if connection.topic not in topics:
+                    topics[connection.topic] = writer.add_connection(
+                        connection.topic, connection.msgtype, typestore=library.typestore()
+                    )
+                writer.write(topics[connection.topic], stamp, raw)
+        assert [entry.stamp for entry in Bag(path).entries(["/stereo/left/image_rect"])] == drive.stamps
+        (file,) = path.glob("*.db3*")
+        assert is_bag(file)
+        with pytest.raises(
+            DatasetError, match=rf"^{file}: (its messages are|is) compressed, as only the metadata.yaml"
+        ):
+            Bag(file).entries(["/stereo/left/image_rect"])

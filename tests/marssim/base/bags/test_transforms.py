@@ -1,13 +1,12 @@
 """Frames of frames at a time, against poses multiplied by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from marssim.base.bags.messages import odometry_message, twist_message
-from marssim.base.bags.reader import Bag
-from marssim.base.bags.transforms import Transforms, read_transforms
-from marssim.base.bags.writer import BagWriter
+from marssim.base.bags.transforms import Transforms
 
 
 def pose(x, yaw=0.0):
@@ -42,7 +41,7 @@ def test_a_pose_in_another_frame_needs_only_the_frames_between_them():
 def test_what_stands_still_has_no_world_and_a_circle_has_no_pose():
     tree = Transforms()
     tree.add("base_link", "eye", pose(1))
-    assert tree.world("eye") is None and tree.world("nothing") is None and not tree.has_parent("base_link")
+    assert tree.world("eye") is None and tree.world("nothing") is None and tree.parent("base_link") is None
     tree.add("eye", "base_link", pose(1), 5)
     assert tree.world("eye") is None and tree.pose("eye", 5) is None and not tree.contains("map", "eye")
 
@@ -57,33 +56,54 @@ def test_a_mast_that_turns_on_a_rover_moves_in_no_world(outermost):
     assert tree.world("eye") == "odom"
 
 
-def test_a_bag_gives_the_true_pose_of_its_cameras(drive):
-    tree = read_transforms(Bag(drive.path))
-    assert tree.world("left_camera_optical") == "map"
-    for stamp, camera in zip(drive.stamps, drive.camera, strict=True):
-        np.testing.assert_allclose(tree.pose("left_camera_optical", stamp), camera, atol=1e-9)
-        right = tree.pose("right_camera_optical", stamp)
-        np.testing.assert_allclose(right, drive.rig.right_pose(camera), atol=1e-9)
+@pytest.mark.parametrize(
+    ("frames", "expected"),
+    [
+        (["map", "odom", "base_link", "eye"], "base_link"),
+        (["map", "rover1/base_link", "arm/base_link", "eye"], "rover1/base_link"),
+        (["odom", "/rover/base_footprint", "base_link", "eye"], "rover/base_footprint"),
+        (["odom", "ptu_base_link", "eye"], None),
+        (["base_link"], None),
+    ],
+)
+def test_the_frame_of_the_rover_is_found_in_a_namespace_and_on_the_ground(frames, expected):
+    tree = Transforms()
+    for parent, child in pairwise(frames):
+        tree.add(parent, child, pose(1))
+    assert tree.rover(frames[-1]) == expected
 
 
-@pytest.mark.parametrize("frames", [True, False])
-def test_odometry_counts_where_tf_says_nothing_of_its_child(drive, tmp_path, frames):
-    with BagWriter(tmp_path / "bag") as bag:
-        for _, message in Bag(drive.path).messages(["/tf"] if frames else []):
-            bag.write("/tf", drive.stamps[0], message)
-        bag.write("/wheels", 5, odometry_message(drive.stamps[0], "odom", "base_link", pose(7)))
-        bag.write("/cmd_vel", 5, twist_message(0, 0))
-    tree = read_transforms(Bag(tmp_path / "bag"))
-    assert tree.world("base_link") == ("map" if frames else "odom")
-    expected = drive.body[0] if frames else pose(7)
-    np.testing.assert_allclose(tree.pose("base_link", drive.stamps[0]), expected, atol=1e-9)
+@pytest.mark.parametrize(
+    ("frames", "expected"),
+    [
+        (["earth", "map", "odom", "base_link"], "map"),
+        (["utm", "rover1/map", "odom", "base_link"], "rover1/map"),
+        (["utm", "odom", "base_link"], "odom"),
+        (["utm", "base_link"], "utm"),
+        (["world", "odom", "base_link"], "world"),
+    ],
+)
+def test_the_world_is_the_map_and_no_frame_of_the_earth_around_others(frames, expected):
+    """REP 105: earth -> map -> odom -> base_link."""
+    tree = Transforms()
+    for parent, child in pairwise(frames):
+        far = parent in ("earth", "utm")
+        tree.add(parent, child, pose(4e6 if far else 1), None if far and child != "base_link" else 5)
+    assert tree.world("base_link") == expected
+    steps = frames.index("base_link") - frames.index(expected)
+    assert tree.pose("base_link", 5, expected)[0, 3] == (4e6 if expected == "utm" else steps)
 
 
-def test_transforms_without_a_rotation_are_left_out(drive, tmp_path):
-    (_, message), *_ = Bag(drive.path).messages(["/tf"])
-    for item in message.transforms:
-        item.transform.rotation.x = item.transform.rotation.y = item.transform.rotation.z = 0.0
-        item.transform.rotation.w = 0.0 if item.child_frame_id == "odom" else float("nan")
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write("/tf", 5, message)
-    assert read_transforms(Bag(tmp_path / "bag")).pose("left_camera", drive.stamps[0]) == pytest.approx(np.eye(4))
+def test_a_frame_in_two_frames_is_kept_in_one_of_them():
+    tree = Transforms()
+    for stamp in (10, 20):
+        tree.add("vo", "base_link", pose(100), stamp)
+        tree.add("odom", "base_link", pose(1), stamp + 1)
+        tree.add("map", "base_link", pose(50), stamp + 2)
+    tree.add("base_link", "eye", pose(0))
+    tree.add("other", "eye", pose(9))
+    assert tree.world("eye") == "odom" and tree.pose("base_link", 15)[0, 3] == 1
+    assert tree.other_parents("eye") == [
+        ("eye", "base_link", ["other"]), ("base_link", "odom", ["map", "vo"])
+    ]  # fmt: skip
+    assert list(tree.moves("base_link")) == [11, 21] and tree.moves("eye") == {} and len(tree) == 2
