@@ -33,7 +33,8 @@ from m3depth.datasets.config import Split
 from m3depth.training.config import TrainConfig, recipe_defaults
 from marssim.base.command.run import run_command
 
-LOST = "Connection (closed|reset)|Broken pipe|remote process exited"  # in errors of collectives, of a lost process
+# in errors of collectives, of a lost process
+LOST = "Connection (closed|reset)|Broken pipe|remote process exited|Timed out waiting"
 SPLITS: tuple[Split, Split] = ("train", "val")
 USAGE = (__doc__ or "").partition("\nThe files, ")[0]  # the description that --help prints
 

@@ -70,6 +70,11 @@ class RaftStereoConfig(RivalConfig):
     steps: int = 8
     """Number of recurrent steps in evaluation and prediction."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.hidden < 2:
+            raise ValueError(f"hidden must be at least 2, of which one is the disparity, got {self.hidden}")
+
 
 @dataclass(frozen=True)
 class SelectiveStereoConfig(RaftStereoConfig):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 
 import cv2
 import numpy as np
 
+from m3depth.stereo.degradation import LARGEST, MAX_VERTICAL
 from m3depth.stereo.pairs import MAX_DISPARITY
 from m3depth.training.packing import SCORED, TRAINED, PackedSample
 
@@ -30,13 +30,13 @@ class AugmentConfig:
     eye_gain: float = 0.08
     """Largest difference in gain, 0 to 1: the right image is multiplied by a factor of up to 1 +- this."""
     noise: float = 0.02
-    """Highest standard deviation of the noise, as a share of the full range, 0 or more; half of the crops get some."""
+    """Highest standard deviation of the noise, as a share of the full range, 0 to 1; half of the crops get some."""
     blur: float = 1.0
-    """Highest standard deviation of a Gaussian blur [px]; a third of the crops is blurred; 0 for none."""
+    """Highest standard deviation of a Gaussian blur [px], 0 to 100; a third of the crops is blurred; 0 for none."""
     grey: float = 0.3
     """Chance that a crop loses its colour, 0 to 1."""
     vertical: float = 0.5
-    """Largest vertical offset of the right image [px], 0 or more; half of the crops get one."""
+    """Largest vertical offset of the right image [px], 0 to 16; half of the crops get one."""
     occlude: float = 0.25
     """Chance, 0 to 1, that patches of the right image are painted over, so that they match nothing."""
     bottom: float = 0.35
@@ -45,13 +45,12 @@ class AugmentConfig:
     """Half of the crops are enlarged or reduced by up to this share, 0 to 3, with camera and disparity."""
 
     def __post_init__(self) -> None:
-        limits = {"brightness": 1.0, "gamma": 3.0, "eye_gain": 1.0, "scale": 3.0}
+        limits = {"brightness": 1.0, "gamma": 3.0, "eye_gain": 1.0, "scale": 3.0, "noise": 1.0}
+        limits |= {"blur": LARGEST["blur"], "vertical": MAX_VERTICAL}
         limits |= dict.fromkeys(("contrast", "grey", "occlude", "bottom"), 1.0)
         for name, value in asdict(self).items():
-            highest = limits.get(name, math.inf)
-            if not (math.isfinite(value) and 0 <= value <= highest):
-                expected = "at least 0" if highest == math.inf else f"0 to {highest:g}"
-                raise ValueError(f"--augment.{name.replace('_', '-')} must be {expected}, got {value}")
+            if not 0 <= value <= limits[name]:
+                raise ValueError(f"--augment.{name.replace('_', '-')} must be 0 to {limits[name]:g}, got {value}")
             if value == 0:
                 object.__setattr__(self, name, 0.0)  # not -0.0, for which NumPy draws nothing from -value to value
         if self.contrast == 0:

@@ -191,7 +191,8 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                     check_state(run, batch, dtype, world)
                     if log:
                         log.stop(run.step, times_of(run, used_before))
-                        run.save()
+                if log and (batch is not None or not run.checkpoint.is_file()):
+                    run.save()
                 return bool(stopped)
             before = time.monotonic()
             batch = next(stream).to(device)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import os
 import warnings
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ import torch.distributed as dist
 
 from m3depth.network.device import chosen_device
 from marssim.base.command.run import describe
+
+LONGEST_WAIT = datetime.timedelta(days=1)  # for rank 0 while it validates; torchrun ends the others where one has ended
 
 
 @contextmanager
@@ -35,7 +38,7 @@ def joined_group(device_name: str) -> Iterator[tuple[int, int, torch.device]]:
     # Each process prints it twice, about 1 x 1 kernels, whose strides have no meaning.
     warnings.filterwarnings("ignore", message="Grad strides do not match bucket view strides")
     if not dist.is_initialized():
-        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+        dist.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=LONGEST_WAIT)
     try:
         yield dist.get_rank(), dist.get_world_size(), device
         dist.barrier()

@@ -32,7 +32,8 @@ CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
 MOST_STEPS = 10**15  # a larger number of steps is none
 WORLD = "number of processes"  # its name in a run's identity
 CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
-    "max_minutes", "max_steps", "lr", "schedule", "weight_decay", "clip", "ema", "accumulate", "precision", "data",
+    "max_minutes", "max_steps", "epochs", "lr", "schedule", "weight_decay", "clip", "ema", "accumulate", "precision",
+    "data",
 )  # fmt: skip
 
 
@@ -48,7 +49,7 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     """
     previous = config.out / CHECKPOINT
     if config.init and previous.is_file():
-        identity = read_checkpoint(previous, torch.device("cpu"))["identity"]
+        identity = read_checkpoint(previous)["identity"]
         return new_network(config_from_dict(identity["network"]))
     if config.init:
         with named_by("--init"):
@@ -90,22 +91,21 @@ def saved_progress(out: Path) -> tuple[int, float]:
     path = out / CHECKPOINT
     if not path.is_file():
         return 0, 0.0
-    state = read_checkpoint(path, torch.device("cpu"))
+    state = read_checkpoint(path)
     return state["step"], state["seconds"]
 
 
-def read_checkpoint(path: Path, device: torch.device) -> dict[str, Any]:
-    """Read what Run.save wrote. Nothing in the file is executed.
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Read what Run.save wrote, to the CPU, where AdamW keeps its count of steps. Nothing in the file is executed.
 
     Args:
         path: The file.
-        device: Device for its tensors.
 
     Raises:
         ValueError: The file is damaged; the message names it.
     """
     with _naming(path):
-        state = torch.load(path, map_location=device, weights_only=True)
+        state = torch.load(path, map_location="cpu", weights_only=True)
         # The first checkpoints lack the number of processes and some fields of the network.
         network = config_from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(network.to_dict())}
@@ -190,8 +190,7 @@ class Run:
             values |= {f"{part}.{name}": value for name, value in asdict(config).items()}
         values |= asdict(c.reader)
         if c.epochs is not None:  # it gave the steps
-            del values["max_steps"]
-            values["epochs"] = c.epochs
+            values["max_steps"] = None
         return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in values.items()}
 
     def save(self) -> None:
@@ -221,7 +220,7 @@ class Run:
         """
         if not self.checkpoint.is_file():
             return False
-        state = read_checkpoint(self.checkpoint, self.device)
+        state = read_checkpoint(self.checkpoint)
         identity, digest = self.identity(), state.get("init_sha256")  # checkpoints of earlier versions have no digest
         if digest is not None and digest == self.init_sha256:  # the same file, wherever it is now
             state["identity"]["init"] = identity["init"]
@@ -237,7 +236,7 @@ class Run:
             _check_moments(self.optimizer)
             before, now = state.get("settings", {}), self.settings()  # the first checkpoints lack them
             changes = [(flag, old) for flag, old in before.items() if now.get(flag, old) != old]
-            torch.set_rng_state(state["rng"].cpu())
+            torch.set_rng_state(state["rng"])
         self.step, self.seconds = state["step"], state["seconds"]
         self.init_sha256 = digest or self.init_sha256
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in changes]

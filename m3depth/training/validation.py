@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor
@@ -54,9 +54,8 @@ class Validator:
         run, log = self.run, self.log
         if not self.chosen or log is None or self.step == run.step:
             return self.scores
-        packed = [self.cache[i] for i in self.chosen]
-        current = validate(run.model, packed, run.device)
-        self.step, self.scores = run.step, validate(run.averaged, packed, run.device)
+        packed = (self.cache[i] for i in self.chosen)  # one at a time, as they need not fit into the memory together
+        self.step, (current, self.scores) = run.step, validate((run.model, run.averaged), packed, run.device)
         path = run.config.out / PANELS / f"{run.step:07d}.png"
         examples = [self._example(index) for index in self.chosen[:PANEL_PAIRS]]
         log.image("panel", run.step, pairs_figure(examples, path))
@@ -130,22 +129,30 @@ def predict_batch(model: StereoNetwork, batch: Batch) -> tuple[Maps, Target]:
     return out, target
 
 
-def validate(model: StereoNetwork, samples: Iterable[PackedSample], device: torch.device) -> dict[str, float]:
-    """Return the mean errors (see error_sums) over all pixels of whole images; NaN where there are no such pixels.
+def validate(
+    models: Sequence[StereoNetwork], samples: Iterable[PackedSample], device: torch.device
+) -> list[dict[str, float]]:
+    """Return the mean errors of networks over all pixels of whole images; NaN where there are no such pixels.
 
     Args:
-        model: The network.
-        samples: The pairs, at full size.
-        device: Device of the network.
+        models: The networks.
+        samples: The pairs, at full size, read once.
+        device: Device of the networks.
+
+    Returns:
+        For each network, the errors by the names of error_sums.
     """
-    training = model.training
-    model.eval()
-    total: dict[str, list[float]] = {}
+    training = [model.training for model in models]
+    totals: list[dict[str, list[float]]] = [{} for _ in models]
+    for model in models:
+        model.eval()
     for sample in samples:
         batch = whole_batch(sample).to(device)
-        for name, pair in error_sums(*predict_batch(model, batch)).items():
-            entry = total.setdefault(name, [0.0, 0.0])
-            entry[0] += pair[0]
-            entry[1] += pair[1]
-    model.train(training)
-    return {name: s / n if n else float("nan") for name, (s, n) in total.items()}
+        for model, total in zip(models, totals, strict=True):
+            for name, pair in error_sums(*predict_batch(model, batch)).items():
+                entry = total.setdefault(name, [0.0, 0.0])
+                entry[0] += pair[0]
+                entry[1] += pair[1]
+    for model, before in zip(models, training, strict=True):
+        model.train(before)
+    return [{name: s / n if n else float("nan") for name, (s, n) in total.items()} for total in totals]

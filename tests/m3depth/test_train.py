@@ -71,7 +71,7 @@ def losses_of(out: Path) -> list[float]:
 
 def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_path) -> None:
     config, cpu = config_for(tmp_path, max_steps=16), torch.device("cpu")
-    untrained = validate(Run(config, cpu).averaged, [pack(plane_samples[0])], cpu)
+    (untrained,) = validate([Run(config, cpu).averaged], [pack(plane_samples[0])], cpu)
     scores = train(config, plane_samples, plane_samples)
     assert scores["epe"] < 0.7 * untrained["epe"] and scores["normal"] < 0.3 * untrained["normal"]
     assert losses_of(tmp_path)
@@ -87,7 +87,7 @@ def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_p
 def test_the_refinement_of_larger_pairs_is_trained(large_samples, tmp_path) -> None:
     """From where the reduced pair ends, at full resolution: its errors fall, and the weights move by its loss alone."""
     config, cpu = config_for(tmp_path, max_steps=12), torch.device("cpu")
-    untrained = validate(Run(config, cpu).averaged, [pack(large_samples[0])], cpu)
+    (untrained,) = validate([Run(config, cpu).averaged], [pack(large_samples[0])], cpu)
     scores = train(config, large_samples, large_samples)
     assert scores["epe"] < 0.7 * untrained["epe"] and scores["normal"] < 0.3 * untrained["normal"]
     run = Run(config, cpu)
@@ -408,6 +408,26 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in output
 
 
+def test_a_resumed_run_says_that_epochs_give_its_steps_now(plane_samples, tmp_path, capsys) -> None:
+    config = config_for(tmp_path, max_steps=1, validate_samples=0)
+    train(config, plane_samples, [])
+    epochs = replace(config, max_steps=None, epochs=2)
+    capsys.readouterr()
+    train(epochs, plane_samples, [])
+    assert "settings: --max-steps none (was 1), --epochs 2 (was none)\n" in capsys.readouterr().err
+    train(replace(epochs, epochs=3), plane_samples, [])
+    assert "settings: --epochs 3 (was 2)\n" in capsys.readouterr().err
+
+
+def test_a_budget_that_is_over_before_the_first_step_leaves_weights(plane_samples, tmp_path, capsys) -> None:
+    config = config_for(tmp_path, max_steps=None, max_minutes=1e-9)
+    train(config, plane_samples, plane_samples[:1])
+    assert f"{tmp_path / 'weights.safetensors'}: averaged weights of step 0" in capsys.readouterr().out
+    assert M3Depth.from_pretrained(tmp_path / "weights.safetensors").config == SMALL
+    train(replace(config, max_steps=2, max_minutes=None), plane_samples, [])
+    assert "resumed at step 0" in capsys.readouterr().err
+
+
 def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, monkeypatch) -> None:
     """Weights given to a resumed run would be loaded, and overwritten by the checkpoint."""
     for name in ("one", "two"):
@@ -424,7 +444,12 @@ def test_a_run_goes_on_from_its_own_beginning_alone(plane_samples, tmp_path, mon
 
 
 @pytest.mark.parametrize(
-    ("message", "is_lost"), [("[gloo/pair.cc:553] Connection closed by peer", True), ("NCCL: duplicate GPU", False)]
+    ("message", "is_lost"),
+    [
+        ("[gloo/pair.cc:553] Connection closed by peer", True),
+        ("NCCL: duplicate GPU", False),
+        ("[gloo/unbound_buffer.cc:81] Timed out waiting 15000ms for send operation to complete", True),
+    ],
 )
 def test_a_lost_process_of_torchrun_is_one_line(plane_set, tmp_path, monkeypatch, capsys, message, is_lost) -> None:
     def lost(*given: object) -> None:
@@ -753,9 +778,15 @@ def test_a_folder_without_test_pairs_is_reported_instead_of_a_command_that_fails
     assert len(hints) == 2 and "m3depth.evaluate --data ten --split test" in hints[1]
 
 
-@pytest.mark.parametrize("flag", ["--augment.contrast", "--loss.rock"])
-def test_a_bad_nested_value_names_its_flag_and_exits_2(capsys, flag) -> None:
-    assert main(["--data", "planes", "--out", "run", flag, "-2"]) == 2
+@pytest.mark.parametrize(
+    ("flag", "value"),
+    [
+        ("--augment.contrast", "-2"), ("--loss.rock", "-2"), ("--augment.blur", "101"), ("--augment.noise", "1.1"),
+        ("--augment.vertical", "17"), ("--augment.vertical", "nan"),
+    ],
+)  # fmt: skip
+def test_a_bad_nested_value_names_its_flag_and_exits_2(capsys, flag, value) -> None:
+    assert main(["--data", "planes", "--out", "run", flag, value]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"error: {flag} must ") and error.count("\n") == 1
 

@@ -135,7 +135,7 @@ def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_sa
     network, sample = new_network(TINY["raft-stereo"]).eval(), large_samples[0]
     sizes = []
     network.register_forward_pre_hook(lambda _, inputs: sizes.append(tuple(inputs[0].shape[-2:])))
-    scores = validate(network, [packed := pack(sample)], torch.device("cpu"))
+    (scores,) = validate([network], [packed := pack(sample)], torch.device("cpu"))
     height, width = sample.left.shape[:2]
     assert sizes == [(height // 2, width // 2)]
     half = (cv2.resize(x, (width // 2, height // 2), interpolation=cv2.INTER_AREA) for x in (sample.left, sample.right))
@@ -210,6 +210,7 @@ def test_a_config_of_an_unknown_kind_or_field_is_refused(tmp_path) -> None:
         ({"kind": "elas"}, "kind 'elas' is not one of m3depth, raft-stereo"),
         ({"kind": "raft-stereo", "channels": 3}, "unknown field 'channels'"),
         ({"kind": "raft-stereo", "hidden": 0}, "hidden must be at least 1, got 0"),
+        ({"kind": "selective-stereo", "hidden": 1}, "hidden must be at least 2, of which one is the disparity, got 1"),
     ):
         path.write_text(json.dumps(content))
         with pytest.raises(ValueError, match=message):

@@ -1,6 +1,7 @@
 """The errors of a validation, against sums by hand, and its picture."""
 
 import re
+import weakref
 from contextlib import closing
 
 import cv2
@@ -75,8 +76,37 @@ def test_ground_taken_for_sky_is_counted_over_the_ground_and_missed_sky_over_the
 @pytest.mark.parametrize("training", [True, False])
 def test_a_validated_network_is_trained_on_if_it_was_trained(plane_samples, training) -> None:
     network = M3Depth(SMALL).train(training)
-    validate(network, [pack(plane_samples[0])], torch.device("cpu"))
+    validate([network], [pack(plane_samples[0])], torch.device("cpu"))
     assert network.training == training
+
+
+def test_networks_are_validated_together_on_pairs_that_are_read_once(plane_samples) -> None:
+    networks, device = [M3Depth(SMALL), M3Depth(SMALL)], torch.device("cpu")
+    torch.nn.init.normal_(next(networks[1].parameters()), generator=torch.Generator().manual_seed(3))
+    packed = [pack(sample) for sample in plane_samples[:2]]
+    together = validate(networks, iter(packed), device)
+    for network, scores in zip(networks, together, strict=True):
+        assert [scores] == [pytest.approx(alone, nan_ok=True) for alone in validate([network], packed, device)]
+    assert together[0]["epe"] != together[1]["epe"]
+
+
+def test_a_validation_holds_one_pair_at_a_time(plane_set, tmp_path, monkeypatch) -> None:
+    config = TrainConfig(data=(plane_set,), out=tmp_path, validate_samples=8, device="cpu", cache=False)
+    alive: list[weakref.ref] = []
+
+    def watched(models, samples, device):
+        for sample in samples:
+            assert not any(pair() is not None for pair in alive)
+            alive.append(weakref.ref(sample.left))
+            del sample
+        return [{"epe": 1.0}, {"epe": 2.0}]
+
+    monkeypatch.setitem(model_module.PRESETS, "lite", SMALL)
+    monkeypatch.setattr("m3depth.training.validation.validate", watched)
+    monkeypatch.setattr("m3depth.training.validation.pairs_figure", lambda *_: np.zeros((8, 8, 3), np.uint8))
+    with closing(Log(tmp_path, 0)) as log:
+        assert Validator(Run(config, torch.device("cpu")), log, open_pairs(plane_set, "all")).validate() == {"epe": 2.0}
+    assert len(alive) == 8
 
 
 def test_the_panel_names_its_pairs_and_has_their_scales(plane_set, tmp_path, monkeypatch, drawn_figures) -> None:
