@@ -103,7 +103,7 @@ def write_suite(config: MakeSuiteConfig) -> Path:
         chosen = config.condition or CONDITIONS
         conditions = {key: values for key, values in suite_conditions().items() if key in chosen}
     else:
-        suite = load_suite(config.held_out)
+        suite = load_suite(config.held_out, "held_out")
         seed = held_out_seed(suite, config.courses, _passphrase(config), config.published or "")
         name, splits = f"{suite.name}-held-out", {SPLIT: {"seed": seed, "courses": config.courses}}
         conditions, drive = dict(suite.conditions), {"drive": suite.drive}
@@ -129,7 +129,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: MakeSuiteConfig) -> None:
     if config.held_out is not None and config.published is None:
-        print(published_digest(load_suite(config.held_out), config.courses, _passphrase(config)))
+        print(published_digest(load_suite(config.held_out, "held_out"), config.courses, _passphrase(config)))
         return
     file = write_suite(config)
     suite = load_suite(str(file))

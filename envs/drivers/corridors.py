@@ -19,6 +19,7 @@ from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
 from envs.observation.map_view import CELL, PIXELS
 from envs.observation.spaces import share_of_distance
+from envs.world.action import ActionError
 from marssim.base.angle import wrapped
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
@@ -79,7 +80,12 @@ class Corridors(gymnasium.Wrapper):
 
         Returns:
             Observation, sum of the rewards, whether the episode is terminated, whether it is truncated, and the info.
+
+        Raises:
+            ActionError: There is no such way.
         """
+        if not self.action_space.contains(action):
+            raise ActionError(f"action must be the number of a way, 0 to {WAYS - 1}, got {action!r:.60}")
         env = self.unwrapped
         assert isinstance(env, MarsNavEnv) and env.action_space.shape is not None
         total = 0.0

@@ -34,7 +34,13 @@ class PolicyArchive:
 
 
 def mark_corridors(policy: Path | IO[bytes]) -> None:
-    """Mark a policy's .zip as one that observes and acts as envs.drivers.corridors documents."""
+    """Mark a policy's .zip as one that observes and acts as envs.drivers.corridors documents.
+
+    Raises:
+        FileNotFoundError: The file is missing.
+    """
+    if isinstance(policy, Path):
+        check_file(policy, "policy")
     with zipfile.ZipFile(policy, "a") as archive:
         archive.writestr(CORRIDORS, "")
 

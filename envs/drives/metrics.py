@@ -23,7 +23,8 @@ def spl(success: bool, shortest: float, path_length: float) -> float:
     """Return the success weighted by path length, S L / max(P, L) (Anderson et al. 2018).
 
     As in Habitat, L leads to the goal itself, and the drive may end at the goal radius. L is found on a grid and may be
-    2.7 % too long (envs.courses.course). Both favour detours: on 20 m, SPL is too high by up to 8 % of itself.
+    2.7 % too long (envs.courses.course). Both favour detours: on 20 m, SPL is too high by up to 8 % of itself. A
+    rover that gets through ground around which L leads can be better than L, and has 1.
 
     Args:
         success: Whether the drive arrived, S.

@@ -55,8 +55,8 @@ class EpisodeSettings:
         """Return {"drawn": the values of what was drawn, by name}; an empty dict where nothing was drawn.
 
         They are the values that the episode has: those of a condition or of options, where these replaced what was
-        drawn. None stands for what the scene has of itself. A condition without a name is the JSON text
-        of its values, as a vector environment of gymnasium takes values of one type only.
+        drawn. None stands for what the scene has of itself. Numbers are floats, and a condition without a name is the
+        JSON text of its values, as a vector environment of gymnasium gives all the type of the first.
         """
         if not self.drawn:
             return {}
@@ -67,11 +67,12 @@ class EpisodeSettings:
         values = {
             **{name: getattr(self.course, name) for name in LIMITS},
             "slip": None if self.slip is None else self.slip.ground,
+            "slip_measured": None if self.slip is None else self.slip.measured,
             "condition": condition,
         }
         if values["sun_elevation_deg"] is None and low == high:  # as a condition fixes it
             values["sun_elevation_deg"] = low
-        return {"drawn": {name: values[name] for name in self.drawn}}
+        return {"drawn": {name: _typed(values[name]) for name in self.drawn}}
 
 
 class EpisodeDraws:
@@ -109,6 +110,7 @@ class EpisodeDraws:
         self._conditions = [ConditionRanges({} if condition is None else c) for c in _choices("condition", condition)]
         drawn = {
             "slip": isinstance(slip, tuple | list),
+            "slip_measured": len({each.measured for each in self._slips if each is not None}) > 1,
             "condition": isinstance(condition, tuple | list) or not all(each.fixed for each in self._conditions),
         }
         self._drawn = (*self._ranges, *(name for name, is_drawn in drawn.items() if is_drawn))
@@ -144,6 +146,11 @@ def stream_of_draws(seed: int) -> np.random.Generator:
         seed: The environment's np_random_seed; below 0 where np_random was set without one.
     """
     return np.random.default_rng((max(seed, 0), STREAM))
+
+
+def _typed(value: Any) -> Any:
+    """Return a whole number as a float, and anything else as it is."""
+    return float(value) if isinstance(value, int) else value
 
 
 def _choices(name: str, value: Any) -> list[Any]:

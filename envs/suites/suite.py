@@ -102,11 +102,12 @@ def packaged_suites() -> list[str]:
     return sorted(file.stem for file in FOLDER.glob("*-v*.json"))
 
 
-def load_suite(name: str) -> Suite:
+def load_suite(name: str, setting: str = "suite") -> Suite:
     """Read a suite.
 
     Args:
         name: Name of a suite in the package, or path of a JSON file.
+        setting: What the user named it by, for errors.
 
     Raises:
         DatasetError: There is no such suite, or its file is none. One line that names the file and the field.
@@ -114,7 +115,7 @@ def load_suite(name: str) -> Suite:
     path = Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
     if not name.endswith(".json") and name not in (names := packaged_suites()):
         raise DatasetError(
-            f"`suite` {name!r} is unknown; the package has {', '.join(names)}, or give the path of a JSON file"
+            f"`{setting}` {name!r} is unknown; the package has {', '.join(names)}, or give the path of a JSON file"
         )
     try:
         stamp = path.stat().st_mtime_ns

@@ -41,6 +41,12 @@ def test_a_passphrase_that_is_no_text_is_named(small_suite, tmp_path, capsys):
     assert capsys.readouterr().err == f"error: --passphrase-file {tmp_path / 'secret'}: is no text in UTF-8\n"
 
 
+def test_a_suite_that_is_not_in_the_package_is_named_by_its_flag(passphrase, capsys):
+    assert main(["--held-out", "nope", "--passphrase-file", passphrase]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: --held-out 'nope' is unknown; the package has ") and error.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [

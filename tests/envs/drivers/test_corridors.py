@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from envs.drivers.corridors import AHEAD, HOLD_STEPS, REACH, WAYS, Corridors, as_corridors, look_along, steer
 from envs.observation.map_view import CELL, PIXELS
+from envs.world.action import ActionError
 from marssim.base.rover_spec import ZHURONG
 
 angles = st.floats(-np.pi, np.pi)
@@ -145,3 +146,12 @@ def test_it_needs_the_map(make_env):
 @pytest.mark.filterwarnings("ignore:.*WARN")
 def test_gymnasium_accepts_it(make_env):
     env_checker.check_env(Corridors(make_env(map_observation=True)), skip_render_check=True, skip_close_check=True)
+
+
+@pytest.mark.parametrize("action", [-1, WAYS, 3.0, 12.7, np.nan, "left"])
+def test_a_way_that_does_not_exist_is_named(make_env, action):
+    env = Corridors(make_env(map_observation=True))
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=rf"^action must be the number of a way, 0 to {WAYS - 1}, got {action!r}$"):
+        env.step(action)
+    env.step(np.int64(AHEAD))

@@ -72,6 +72,12 @@ def test_a_policy_of_corridors_drives_as_it_was_trained(make_env, tmp_path):
     sb3.PPO.load(tmp_path / "policy.zip")  # still a file of its own library
 
 
+def test_a_file_that_is_missing_is_not_made_to_be_marked(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"typo\.zip"):
+        mark_corridors(tmp_path / "typo.zip")
+    assert not any(tmp_path.iterdir())
+
+
 def test_weights_of_other_sizes_are_named(make_env, tmp_path):
     pytest.importorskip("stable_baselines3")
     with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive, archive.open("policy.pth", "w") as file:

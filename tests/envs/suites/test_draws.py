@@ -63,6 +63,18 @@ def test_nothing_is_drawn_of_fixed_values():
     assert rng.random() == stream_of_draws(0).random()
 
 
+def test_numbers_of_the_info_are_floats_and_tell_what_the_odometry_measures():
+    """gymnasium gives the values of all environments of a vector the type of the first."""
+    source = draws(
+        (SlipConfig("sand"), SlipConfig("sand", 1), None), ({"goal_distance": 5}, "clear"), goal_distance=(4, 8)
+    )
+    rng = stream_of_draws(0)
+    values = [source.draw(rng).info()["drawn"] for _ in range(40)]
+    assert {type(each["goal_distance"]) for each in values} == {float}
+    assert {(each["slip"], each["slip_measured"]) for each in values} == {("sand", 0.0), ("sand", 1.0), (None, None)}
+    assert "slip_measured" not in draws((None, "sand", "crust")).draw(rng).info()["drawn"]
+
+
 def test_a_condition_and_then_options_replace_what_was_drawn():
     source = draws(condition=({"sun_elevation_deg": 8.0, "k": 0.01},), k=(0.1, 0.2), sun_elevation_deg=(40, 50))
     settings = source.draw(stream_of_draws(0))
