@@ -84,20 +84,29 @@ class NavigatorConfig:
     def of_rover(cls, spec: RoverSpec) -> NavigatorConfig:
         """Return the settings for a rover.
 
-        The heights and angles that it may drive over are those for Zhurong, in proportion to obstacle_height, max_slope
-        and max_tilt of the two.
+        The heights and angles that it may drive over, and the lengths that hide such heights, are those for Zhurong, in
+        proportion to obstacle_height, max_slope, max_tilt and wheel_radius of the two. Lengths are two cells or more.
         """
         height = spec.obstacle_height / ZHURONG.obstacle_height
         slope, tilt = spec.max_slope / ZHURONG.max_slope, spec.max_tilt / ZHURONG.max_tilt
+        wheel = spec.wheel_radius / ZHURONG.wheel_radius
         config = cls()
+        shortest = 2 * config.elevation.cell
         ground, drops = config.traversability, config.elevation.drops
         return replace(
             config,
-            elevation=replace(config.elevation, drops=replace(drops, least_drop=height * drops.least_drop)),
+            elevation=replace(
+                config.elevation,
+                drops=replace(
+                    drops, least_drop=height * drops.least_drop, least_gap=max(wheel * drops.least_gap, shortest)
+                ),
+            ),
             traversability=replace(
                 ground,
                 step_free=height * ground.step_free,
                 step_blocked=height * ground.step_blocked,
+                roughness_blocked=height * ground.roughness_blocked,
+                hiding_width=max(height * ground.hiding_width, shortest),
                 slope_free_deg=slope * ground.slope_free_deg,
                 slope_blocked_deg=slope * ground.slope_blocked_deg,
             ),

@@ -59,6 +59,10 @@ EDGE = 1.0  # [m] around what can be seen
 COLUMNS = 1024  # of an image that are used, roughly: more than while driving, as time does not matter here
 
 
+# EPSG codes of well-known coordinate systems that are geographic, or around the centre of the Earth
+IN_DEGREES = (4258, 4267, 4269, 4283, 4326, 4490, 4612, 4674, 4978, 4979, 6318, 7844)
+
+
 @dataclass(frozen=True)
 class MapOptions:
     """Make an elevation map and traversability of predicted depth, as GeoTIFF.
@@ -72,8 +76,8 @@ class MapOptions:
     out: Path
     """Folder to write the map to; a map in it is replaced."""
     cell: float = 0.1
-    """Edge of a cell [m], from 0.02 to 0.5. Slopes are those of planes through squares of cells, about 1.2 to 1.4 m
-    wide up to cells of 0.2 m, and 3 m at 0.5 m."""
+    """Edge of a cell [m], from 0.02 to 0.5. Slopes are those of planes through squares of cells, 1.2 to 1.8 m wide
+    up to cells of 0.3 m, and 3 m at 0.5 m."""
     max_range: float = 12.0
     """Depth [m], above 0.5, beyond which points are left out."""
     min_confidence: float | None = None
@@ -96,6 +100,8 @@ class MapOptions:
             raise ValueError(f"origin must be two finite numbers [m], got {self.origin}")
         if self.epsg is not None and not 1024 <= self.epsg <= 32766:
             raise ValueError(f"epsg must be 1024 to 32766, got {self.epsg}")
+        if self.epsg in IN_DEGREES:
+            raise ValueError(f"epsg must be a projected coordinate system in metres, got {self.epsg}, which is not one")
 
 
 @dataclass(frozen=True)

@@ -169,7 +169,8 @@ class Recovery:
         if x > -TRACK_BEHIND:
             self._back_left = 0.0
             return None
-        speed, yaw_rate = steerable(-self.config.back_speed, -curvature * self.config.back_speed, self.spec)
+        backwards = min(self.config.back_speed, self.spec.max_speed)
+        speed, yaw_rate = steerable(-backwards, -curvature * backwards, self.spec)
         spacing = self.config.planner.spacing
         poses = arc_poses(place, np.array(yaw_rate / speed), -np.arange(CHECKED_POSES) * spacing)[None]
         if planner.free_length(poses, elevation, ground)[0] < 2 * spacing:

@@ -177,10 +177,10 @@ def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
     """Yield the frames of a drive that envs.evaluate recorded, at the poses that the odometry gave, without images.
 
     Raises:
-        DatasetError: A picture of the drive is broken.
+        DatasetError: A picture or a pose of the drive is broken.
     """
     for n, step in enumerate(drive.steps):
-        body, true = (np.vstack([step[name], [0, 0, 0, 1]]) for name in ("believed_pose", "pose"))
+        body, true = (_body_pose(drive, n, name) for name in ("believed_pose", "pose"))
         camera_pose = body @ spec.mount.left_eye(drive.rig.baseline, step["pan"])
         depth, confidence = drive.depth(n), drive.confidence(n)
         if step["looked"] and depth is None:
@@ -189,6 +189,14 @@ def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
         command = step["command"]
         driven = None if command is None else (float(command["speed"]), float(command["yaw_rate"]))
         yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"], time=time, true_body=true, driven=driven)
+
+
+def _body_pose(drive: DriveFile, step: int, name: str) -> np.ndarray:
+    """Return a pose of the rover in a step of a drive, (4, 4). Raises DatasetError that names the step."""
+    try:
+        return recorded_pose([*drive.steps[step][name], [0, 0, 0, 1]])
+    except ValueError as error:
+        raise DatasetError(f"{drive.path}: steps[{step}].{name}: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,8 @@ from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
 
 FEWEST_CELLS = 10  # of a side of the map
 DROP_COLUMNS = 128  # number of image columns in which drops are looked for, roughly
-LAYERS = {"top": np.nan, "low": np.nan, "weight": 0, "hidden_drop": False}  # of a map, and their values where unknown
+# of a map, and their values where unknown
+LAYERS = {"top": np.nan, "low": np.nan, "weight": 0, "hidden_drop": False, "from_prior": False}
 SLOPING_JUMP = 4.0  # change of disparity on sloping ground, over baseline / camera height; on level ground it is 2
 DROP_RAYS = 2  # number of image columns that must show the drop of a cell
 
@@ -89,6 +90,7 @@ class ElevationMap:
         low: (n, n) float32 [iy, ix], height of the ground [m]; NaN where unknown.
         weight: (n, n) float32 [iy, ix], inverse squared range error of the best looks [1 / m2].
         hidden_drop: (n, n) bool [iy, ix], a look showed that ground is hidden here and may drop; see possible_drop.
+        from_prior: (n, n) bool [iy, ix], the heights are those of another map (see complete), and no look showed them.
     """
 
     def __init__(self, config: ElevationConfig | None = None, centre: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -101,7 +103,7 @@ class ElevationMap:
         shape = (self.n, self.n)
         self.top, self.low = (np.full(shape, np.nan, np.float32) for _ in range(2))
         self.weight = np.zeros(shape, np.float32)
-        self.hidden_drop = np.zeros(shape, bool)
+        self.hidden_drop, self.from_prior = (np.zeros(shape, bool) for _ in range(2))
         cell = self.config.cell
         self.origin = np.round((np.asarray(centre, float)[:2] - self.config.size / 2) / cell) * cell
 
@@ -157,6 +159,8 @@ class ElevationMap:
     def complete(self, other: ElevationMap) -> None:
         """Fill the cells that were never measured from another map of any size, where that one measured.
 
+        The first look at such a cell replaces its heights, unless their weight is larger than that of the look.
+
         Raises:
             ValueError: Cells of the two maps differ in size.
         """
@@ -171,6 +175,7 @@ class ElevationMap:
         for name in LAYERS:
             layer = getattr(self, name)[here]
             layer[fill] = getattr(other, name)[there][fill]
+        self.from_prior[here] |= fill
 
     def assume_flat(self, pose: np.ndarray, radius: float) -> None:
         """Fill the unknown cells around the rover with the plane that it stands on.
@@ -361,7 +366,7 @@ class ElevationMap:
         """Update the touched cells with one look, weighed by range error: near looks count more than far ones."""
         old = self.weight.ravel()[touched]
         k = gain / (old + gain)
-        fresh = old == 0
+        fresh = (old == 0) | (self.from_prior.ravel()[touched] & (gain > old))
         # Extremes move away from the ground quickly and come back only on better evidence: a look that shows only the
         # foot of a rock must not lower its top, but a stray point from afar disappears when the rover comes near.
         quick, slow = np.where(fresh, 1.0, np.maximum(k, 0.5)), np.where(fresh, 1.0, np.minimum(k, 0.8))
@@ -370,4 +375,5 @@ class ElevationMap:
             before = np.where(fresh, 0.0, values[touched])
             values[touched] = before + np.where((new - before) * sign > 0, quick, slow) * (new - before)
         # Looks share their errors (the same matching bias), so a cell's weight saturates at four of the best looks.
-        self.weight.ravel()[touched] = np.maximum(old, np.minimum(old + gain, 4 * gain))
+        self.weight.ravel()[touched] = np.where(fresh, gain, np.maximum(old, np.minimum(old + gain, 4 * gain)))
+        self.from_prior.ravel()[touched] = False

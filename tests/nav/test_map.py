@@ -145,6 +145,15 @@ def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
     assert about["pairs"] == 3 and about["west_south_m"][0] == pytest.approx(1000, abs=0.11)
 
 
+def test_a_code_in_degrees_is_refused(tmp_path, capsys):
+    write_pair(tmp_path / "drive/0")
+    for code in ("4326", "4979", "1023"):
+        assert main([str(tmp_path / "drive"), "--out", str(tmp_path / "map"), "--epsg", code]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith("error: --epsg must be ") and error.count("\n") == 1
+    assert not (tmp_path / "map").exists()
+
+
 def test_an_assumed_place_on_the_rover_is_a_warning(tmp_path, capsys):
     write_pair(tmp_path / "pair", pose=False)
     record = json.loads((tmp_path / "pair/prediction.json").read_text())

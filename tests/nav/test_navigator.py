@@ -344,9 +344,13 @@ def test_settings_follow_the_spec_and_zhurongs_are_the_defaults():
     small = NavigatorConfig.of_rover(replace(ZHURONG, obstacle_height=0.15, max_slope=np.deg2rad(10), max_tilt=0.2))
     assert small.traversability.step_blocked == pytest.approx(0.115)
     assert small.elevation.drops.least_drop == pytest.approx(0.15)
+    assert small.traversability.roughness_blocked == pytest.approx(0.075)
+    assert small.traversability.hiding_width == pytest.approx(0.25)
     assert small.traversability.slope_blocked_deg == pytest.approx(8.8)
     assert small.planner.tilt_limit_deg == pytest.approx(np.rad2deg(0.2) * 25 / 30)
     assert [level.step for level in small.risk_levels] == pytest.approx([0.115, 0.125, 0.1375])
+    tiny = NavigatorConfig.of_rover(replace(ZHURONG, obstacle_height=0.02, wheel_radius=ZHURONG.wheel_radius / 8))
+    assert tiny.traversability.hiding_width == tiny.elevation.drops.least_gap == pytest.approx(0.2)
 
 
 def test_a_rover_that_cannot_turn_in_place_is_refused():

@@ -104,3 +104,23 @@ def test_a_bump_is_remembered_before_the_rover_and_backed_from(recovery_on_flat_
     np.testing.assert_allclose(recovery.bumps, [[1.0, 2.0 + ZHURONG.length / 2 + 0.15]], atol=1e-9)
     np.testing.assert_allclose(recovery.dead_ends, [[1.0, 2.5]], atol=1e-9)
     assert recovery.backing and recovery.attempts == 1
+
+
+def test_a_slow_rover_backs_out_on_the_same_curve():
+    elevation, ground = flat_map_with_rocks()
+    track = [np.array([2 * np.sin(a), 2 - 2 * np.cos(a), a]) for a in np.linspace(-1.0, 0.0, 12)]  # a left curve
+    curvatures = []
+    for max_speed in (0.2, 0.05):
+        spec = replace(ZHURONG, max_speed=max_speed)
+        planner = Planner(spec, CONFIG.planner, elevation)
+        planner.update(elevation, ground, np.array([7.0, 0.0]))
+        recovery = Recovery(spec, CONFIG)
+        for place in track:
+            recovery.follow(place)
+        command = Command(0.0, 0.0, None, "look")
+        for _ in range(9):
+            if (command := recovery.search(ORIGIN, ground, elevation, planner, 0.0, False)).speed < 0:
+                break
+        assert -command.speed == pytest.approx(min(CONFIG.back_speed, max_speed))
+        curvatures.append(command.yaw_rate / command.speed)
+    assert curvatures[0] == pytest.approx(curvatures[1]) == pytest.approx(0.5, abs=0.1)

@@ -286,6 +286,20 @@ def test_a_recorded_look_without_depth_and_a_foreign_file_are_named(tmp_path, ca
         assert error.startswith(f"error: {tmp_path / name}: {fault}") and error.count("\n") == 1
 
 
+@pytest.mark.parametrize("name", ["believed_pose", "pose"])
+@pytest.mark.parametrize(
+    ("entry", "fault"), [(7.0, "a rotation and a translation"), (None, "within 1e+06 m of the ori")]
+)
+def test_a_broken_pose_of_a_drive_is_named(tmp_path, capsys, name, entry, fault):
+    rows = pose_rows(0.4, 0.0, 0.0)
+    rows[0][3 if entry is None else 0] = 1e30 if entry is None else entry
+    drive_of(tmp_path / "drive.zip", [drive_step(), drive_step(**{name: rows})])
+    assert main([str(tmp_path / "drive.zip")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {tmp_path / 'drive.zip'}: steps[1].{name}: pose must ") and fault in error
+    assert error.count("\n") == 1
+
+
 def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):
     for arguments, named in (([str(folder), "--scene", "7"], "scene 7"), ([str(tmp_path / "no")], "no")):
         assert main(arguments) == 2

@@ -273,6 +273,25 @@ def test_cells_of_another_map_are_filled_in_where_they_lie(shift, size):
     np.testing.assert_allclose(here.low[inside], y[rows], atol=1e-4)
 
 
+@pytest.mark.parametrize("height", [-2.0, 2.0])
+def test_the_first_look_replaces_the_heights_of_another_map_unless_they_weigh_more(height):
+    elevation, prior = ElevationMap(SMALL), ElevationMap(SMALL)
+    prior.top[:], prior.low[:] = height, height
+    ix, iy = elevation.cell_of(np.array([3.0, 0.0]))
+    for weight, is_replaced in ((1.0, True), (1e9, False)):
+        elevation.clear((0.0, 0.0))
+        prior.weight[:] = weight
+        elevation.complete(prior)
+        assert elevation.from_prior.all()
+        look(elevation, RockWorld(), body_pose(0, 0, 0))
+        heights = elevation.top[iy, ix], elevation.low[iy, ix]
+        assert (heights == pytest.approx((0.0, 0.0), abs=0.01)) == is_replaced
+        assert (pytest.approx(height, abs=0.01) in heights) != is_replaced
+        assert not elevation.from_prior[iy, ix] and elevation.from_prior.any()
+        elevation.complete(prior)
+        assert not elevation.from_prior[iy, ix]
+
+
 def test_a_map_of_other_cells_completes_none():
     with pytest.raises(ValueError, match=r"cells of 0.1 m, got 0.2 m"):
         ElevationMap().complete(ElevationMap(ElevationConfig(cell=0.2)))
