@@ -7,7 +7,8 @@ The terrains are those of marssim.generate with the same seed. The RMS slope ove
 sqrt(E[(h(x + r) - h(x))^2]) / r along x and y, over all scenes, as an angle. Up to 5 m it comes from the finely gridded
 square, without the border that blends into its surroundings, and beyond from the coarse grid. The slope asked for is
 that of self-affine relief, tan(slope) = tan(RMS slope over 1 m) r^(H - 1). Craters, ditches and ripples add to it,
-unless --bare leaves them out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, by least squares
+unless --bare leaves them out. A place with a heightmap was asked for none. Lags that are too long for a small place are
+left out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, by least squares
 from 0.5 m to 4 m.
 
 A scene is a small piece of relief, so that scenes differ much over the longest lags. "error" is the standard error of
@@ -58,7 +59,10 @@ class SlopesConfig:
 
     def __post_init__(self) -> None:
         check_least(self, scenes=1, seed=0)
-        self.scene_config()  # raises for values out of range
+        if self.scene_config().relief.heightmap is not None and self.rms_slope_deg is not None:
+            raise ValueError(
+                f"--rms-slope-deg is for drawn relief; {self.scene} has a heightmap, which has its own slopes"
+            )
 
     def scene_config(self) -> SceneConfig:
         """Return the place that the terrains are drawn from. Raises ValueError that names the field."""
@@ -75,10 +79,10 @@ class Slopes:
     """Slopes of terrains.
 
     Attributes:
-        asked: (L,) RMS slope over each of LAGS that was asked for [deg].
-        measured: (L,) RMS slope that was measured [deg].
+        asked: (L,) RMS slope over each of LAGS that was asked for [deg]; NaN for heightmaps.
+        measured: (L,) RMS slope that was measured [deg]; NaN where the terrains are too small for the lag.
         error: (L,) standard error of the measured slope, by the scatter of the terrains [deg].
-        hurst: Hurst exponent that was measured; NaN on level ground.
+        hurst: Hurst exponent that was measured; NaN on level ground and on places too small for it.
         gentle: Share of the planes of 1 m x 1 m that are less than GENTLE steep.
     """
 
@@ -133,28 +137,26 @@ def gentle_share(grid: HeightGrid, margin: float = 0.0) -> float:
     return float(np.mean(np.rad2deg(np.arctan(steep)) < GENTLE))
 
 
-def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> Slopes:
+def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float | None) -> Slopes:
     """Measure the slopes over terrains.
 
     Args:
         terrains: The terrains.
         hurst: Hurst exponent that they were asked for.
-        rms_slope_deg: RMS slope over 1 m that they were asked for [deg].
+        rms_slope_deg: RMS slope over 1 m that they were asked for [deg]; None for heightmaps.
     """
     differences, gentle = [], []
     for terrain in terrains:
-        fine = [rms_difference(terrain.fine, lag, BLEND) for lag in LAGS if lag <= FINE_UP_TO]
-        coarse = [rms_difference(terrain.coarse, lag) for lag in LAGS if lag > FINE_UP_TO]
-        differences.append(fine + coarse)
+        differences.append([_difference_over(terrain, lag) for lag in LAGS])
         gentle.append(gentle_share(terrain.fine, BLEND))
     lags, squares = np.array(LAGS), np.square(differences)
     tangent = np.sqrt(squares.mean(axis=0)) / lags
     # the relative error of a root is half that of the mean under it; a single terrain has no scatter
     scatter = squares.std(axis=0, ddof=1) if len(squares) > 1 else np.zeros(len(lags))
     relative = scatter / np.sqrt(len(squares)) / np.maximum(2 * squares.mean(axis=0), 1e-30)
-    due = np.tan(np.deg2rad(rms_slope_deg)) * lags ** (hurst - 1)
+    due = np.tan(np.deg2rad(np.nan if rms_slope_deg is None else rms_slope_deg)) * lags ** (hurst - 1)
     first = slice(None, FITTED)
-    level = not tangent[first].all()
+    level = not (tangent[first] > 0).all()
     return Slopes(
         asked=np.rad2deg(np.arctan(due)),
         measured=np.rad2deg(np.arctan(tangent)),
@@ -162,6 +164,15 @@ def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float) -> 
         hurst=np.nan if level else float(1 + np.polyfit(np.log(lags[first]), np.log(tangent[first]), 1)[0]),
         gentle=float(np.mean(gentle)),
     )
+
+
+def _difference_over(terrain: Terrain, lag: float) -> float:
+    """Return rms_difference of a terrain on the grid for the lag; NaN where it is too small."""
+    grid, margin = (terrain.fine, BLEND) if lag <= FINE_UP_TO else (terrain.coarse, 0.0)
+    try:
+        return rms_difference(grid, lag, margin)
+    except ValueError:
+        return np.nan
 
 
 def slopes(config: SlopesConfig) -> Slopes:
@@ -173,7 +184,8 @@ def slopes(config: SlopesConfig) -> Slopes:
         )
         for n in range(config.scenes)
     )
-    return measure(terrains, scene.relief.hurst, scene.relief.rms_slope_deg)
+    drawn = scene.relief.heightmap is None
+    return measure(terrains, scene.relief.hurst, scene.relief.rms_slope_deg if drawn else None)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -187,9 +199,11 @@ def _work(config: SlopesConfig) -> None:
     print(f"{counted(config.scenes, 'terrain')} of {config.scene}{bare}; slopes of profiles [deg]")
     print("over [m]  asked  measured  error")
     for lag, asked, measured, error in zip(LAGS, result.asked, result.measured, result.error):
-        print(f"{lag:8g} {asked:6.2f} {measured:9.2f} {error:6.2f}")
+        if not np.isnan(measured):
+            print(f"{lag:8g} {'-' if np.isnan(asked) else f'{asked:.2f}':>6} {measured:9.2f} {error:6.2f}")
     fitted = f"{LAGS[0]:g} m to {LAGS[FITTED - 1]:g} m"
-    print(f"Hurst exponent, {fitted}: asked {relief.hurst:.2f}, measured {result.hurst:.2f}")
+    due = f"asked {relief.hurst:.2f}, " if relief.heightmap is None else ""
+    print(f"Hurst exponent, {fitted}: {due}measured {result.hurst:.2f}")
     print(f"planes of 1 m x 1 m under {GENTLE:g} deg: {result.gentle:.1%}")
 
 

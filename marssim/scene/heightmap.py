@@ -7,25 +7,21 @@ cell.
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import stat
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import TiffImagePlugin
 from scipy import ndimage
 
 from marssim.base.files.decoding import decode
+from marssim.base.files.geotiff_tags import GeoTags, read_geotiff_tags
 from marssim.base.files.npy import read_npy
 from marssim.base.files.png import decode_png
 
-PIXEL_SCALE, GEO_KEYS, NO_DATA = 33550, 34735, 42113  # TIFF tags of GeoTIFF and GDAL
-MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # GeoTIFF keys and values
 MARGIN = 6  # cells around the scene that the interpolation needs
 ROUNDING = 1e-6  # cells by which a division may be off
 LEAST_CELLS = 8  # cells along the side of a scene
@@ -180,6 +176,12 @@ def file_digest(path: str) -> str:
     raise ValueError(f"{FIELD} {path}: is a device or a pipe, not a file")  # which may have no end
 
 
+def check_digest(path: str, digest: str) -> None:
+    """Raise ValueError, which names the file, if a heightmap has another SHA-256, or cannot be read."""
+    if (found := file_digest(path)) != digest:
+        raise ValueError(f"{FIELD} {path}: its SHA-256 is {found}, not {digest}")
+
+
 @lru_cache(maxsize=8)
 def _digest(path: str, size: int, changed: int) -> str:
     with open(path, "rb") as file:
@@ -192,16 +194,17 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
 
     Args:
         path: A .npy, .png, .tif or .tiff file.
-        digest: SHA-256 of the file; a key of the cache.
+        digest: SHA-256 that the file must have.
         scale: Side of a cell [m]; None takes that of the file.
-        height: Metres of a unit of the values; None means 1.
+        height: Metres of a unit of the values; None means what the file says, or 1.
 
     Raises:
         ValueError: The file cannot be read, or lacks what is needed. The message is one line that names the file.
     """
     name = f"{FIELD} {path}"
+    check_digest(path, digest)
     suffix = Path(path).suffix.lower()
-    nodata: float | None = None
+    tags = GeoTags()
     if suffix == ".npy":
         values = _read_npy(path, name)
     elif suffix == ".png":
@@ -212,21 +215,26 @@ def read_heightmap(path: str, digest: str, scale: float | None, height: float | 
             raise ValueError(f"{name}: a PNG has no unit of height; give `relief.heightmap_height` [m]")
     elif suffix in (".tif", ".tiff"):
         values = _read_image(path, name)
-        file_scale, nodata = _read_tags(path, name, scale is None)
-        scale = file_scale if scale is None else scale
+        if values.dtype == np.uint8 and height is None:
+            raise ValueError(f"{name}: has 8 bits a pixel, as pictures have; give `relief.heightmap_height` [m]")
+        tags = read_geotiff_tags(path, name, "`relief.heightmap_scale`", scale is not None)
+        scale = tags.cell if scale is None else scale
     else:
         raise ValueError(f"{name}: ends in neither .npy, .png, .tif nor .tiff")
     if scale is None:
         raise ValueError(f"{name}: has no cell size; give `relief.heightmap_scale` [m]")
     if min(values.shape) < 2:
         raise ValueError(f"{name}: has {values.shape[1]} x {values.shape[0]} cells, too few")
-    heights = values.astype(float) * (1.0 if height is None else height)
-    if nodata is not None:
+    heights = values.astype(float)
+    heights = tags.scale * heights + tags.offset if height is None else height * heights
+    if tags.nodata is not None:
         # The tag is text, whose few digits may mean a float32. An integer type cannot hold every nodata value.
-        empty = values.dtype.type(nodata) if values.dtype.kind == "f" else np.float64(nodata)
+        with np.errstate(over="ignore"):
+            empty = values.dtype.type(tags.nodata) if values.dtype.kind == "f" else np.float64(tags.nodata)
         heights[values.astype(float) == empty] = np.nan
     heights[~np.isfinite(heights)] = np.nan
-    return HeightMap(np.ascontiguousarray(heights[::-1]), float(scale), name)
+    rows, columns = 1 if tags.south_first else -1, -1 if tags.east_first else 1
+    return HeightMap(np.ascontiguousarray(heights[::rows, ::columns]), float(scale), name)
 
 
 def _read_npy(path: str, name: str) -> np.ndarray:
@@ -247,45 +255,3 @@ def _read_image(path: str, name: str) -> np.ndarray:
     if values.ndim != 2:
         raise ValueError(f"{name}: has {values.shape[2]} channels, a heightmap has one")
     return values
-
-
-def _read_tags(path: str, name: str, need_scale: bool) -> tuple[float | None, float | None]:
-    """Return the cell size [m] and the nodata value of a GeoTIFF, None for what the file does not state."""
-    try:
-        with open(path, "rb") as file, warnings.catch_warnings(action="ignore"):  # the caller reports a broken file
-            header = file.read(8)
-            if header[2:4] in (b"+\x00", b"\x00+"):  # BigTIFF
-                header += file.read(8)
-            tags = TiffImagePlugin.ImageFileDirectory_v2(header)
-            file.seek(tags.next)
-            tags.load(file)
-            scale, keys, nodata = (tags.get(tag) for tag in (PIXEL_SCALE, GEO_KEYS, NO_DATA))
-    except Exception as error:  # a broken directory may raise anything in the reader
-        raise ValueError(f"{name}: its tags cannot be read ({error})") from None
-    if need_scale and keys is not None and not _are_numbers(keys, 4):
-        raise ValueError(f"{name}: its tag of keys ({GEO_KEYS}) must be numbers, is {keys!r:.60}")
-    if need_scale and scale is not None and not (_are_numbers(scale, 2) and min(scale[:2]) > 0):
-        wanted = "must be two numbers above 0 or more"
-        raise ValueError(f"{name}: its tag of the cells' size ({PIXEL_SCALE}) {wanted}, is {scale!r:.60}")
-    if need_scale and keys is not None:
-        entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
-        if entries.get(MODEL_TYPE) == GEOGRAPHIC:
-            raise ValueError(f"{name}: its cells are in degrees; project it, or give `relief.heightmap_scale` [m]")
-        if entries.get(LINEAR_UNIT, METRE) != METRE:
-            raise ValueError(f"{name}: its cells are not measured in metres; give `relief.heightmap_scale` [m]")
-    if need_scale and scale is not None and not np.isclose(scale[0], scale[1], rtol=1e-3):
-        raise ValueError(f"{name}: its cells are {scale[0]:g} x {scale[1]:g} m, not square; resample it")
-    try:
-        empty = None if nodata is None else float(str(nodata).strip(" \0"))
-    except ValueError:
-        raise ValueError(f"{name}: its nodata tag must be a number, is {nodata!r}") from None
-    return (float(scale[0]) if need_scale and scale is not None else None), empty
-
-
-def _are_numbers(tag: object, least: int) -> bool:
-    """Return whether a tag is a tuple of finite numbers, `least` or more."""
-    return (
-        isinstance(tag, tuple)
-        and len(tag) >= least
-        and all(isinstance(value, int | float) and math.isfinite(value) for value in tag)
-    )

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import fft
 from scipy.special import gamma
 
-from marssim.scene.heightmap import FIELD, file_digest
+from marssim.scene.heightmap import FIELD, check_digest, file_digest
 from marssim.scene.ranges import Range, check_ranges
 
 # least and largest value of the ranges of steep landforms; walls that are steeper do not show on a grid of 8 cm
@@ -39,7 +39,7 @@ class ReliefConfig:
     """RMS slope of the relief over 1 m [deg], at least 0 and below 45, without craters and ripples. Pathfinder and
     Viking 1 have 4.8 to 5.4. A heightmap ignores it: its own roughness continues below its resolution."""
     regional_slope_deg: float = 0.0
-    """Tilt of the whole scene [deg], above -45 and below 45; 0 is level."""
+    """Tilt of the whole scene [deg], above -45 and below 45; 0 is level. A heightmap is tilted too."""
     regional_azimuth_deg: float = 0.0
     """Direction in which the tilted scene rises most [deg], -360 to 360, counter-clockwise from east."""
     crater_density: float = 0.004
@@ -55,11 +55,12 @@ class ReliefConfig:
     """Diameter of the deepest craters [m], above 0. Wider craters are filled with sand and are no deeper than these."""
     fresh_crater_density: float = 0.0
     """Number of further craters on a square metre, 0 to 0.1, that are all fresh: their walls have 38 deg, too steep to
-    climb."""
+    climb. They are drawn on heightmaps too."""
     fresh_crater_diameter: Range = (2.0, 6.0)
     """Diameter of these fresh craters [m], LOW HIGH, 1 to 50."""
     ditch_density: float = 0.0
-    """Number of ditches on a square metre, 0 to 0.1: narrow troughs with steep walls, as gullies and cracks."""
+    """Number of ditches on a square metre, 0 to 0.1: narrow troughs with steep walls, as gullies and cracks. They are
+    drawn on heightmaps too."""
     ditch_width: Range = (0.8, 2.5)
     """Width of ditches from brink to brink [m], LOW HIGH, 0.4 to 20."""
     ditch_depth: Range = (0.5, 1.2)
@@ -71,7 +72,8 @@ class ReliefConfig:
     ditch_meander_deg: Range = (0.0, 40.0)
     """Largest angle between a ditch and its mean direction [deg], LOW HIGH, 0 to 90: 0 is straight."""
     ripple_amplitude: float = 0.012
-    """Amplitude of the wind's large ripples [m], 0 to 0.5: half the height from trough to crest."""
+    """Amplitude of the wind's large ripples [m], 0 to 0.5: half the height from trough to crest. On a heightmap, only
+    ripples too small for its resolution are drawn."""
     ripple_wavelength: float = 0.9
     """Distance between the crests of ripples [m], 0.1 to 50."""
     ripple_cover: float = 0.35
@@ -82,7 +84,8 @@ class ReliefConfig:
     heightmap_scale: float | None = None
     """Side of a heightmap's cell [m], above 0. A GeoTIFF in metres needs none."""
     heightmap_height: float | None = None
-    """Height of one unit of the heightmap's values [m], above 0. A .png needs it; the other formats default to 1."""
+    """Height of one unit of the heightmap's values [m], above 0. A .png needs it. It defaults to 1 for .npy, and to
+    GDAL's scale and offset in the file, or 1, for a GeoTIFF."""
     heightmap_at: Range | None = (0.0, 0.0)
     """Place of the scene in the heightmap: metres east and north of its middle. With None, each scene draws a place."""
     heightmap_sha256: str | None = None
@@ -127,9 +130,8 @@ class ReliefConfig:
                 if getattr(self, name) != getattr(ReliefConfig, name):
                     raise ValueError(f"{name} describes a heightmap, so it needs {FIELD}")
         else:
-            digest = file_digest(self.heightmap)
-            if self.heightmap_sha256 not in (None, digest):
-                raise ValueError(f"{FIELD} {self.heightmap}: its SHA-256 is {digest}, not {self.heightmap_sha256}")
+            digest = file_digest(self.heightmap) if self.heightmap_sha256 is None else self.heightmap_sha256
+            check_digest(self.heightmap, digest)
             object.__setattr__(self, "heightmap_sha256", digest)
 
 

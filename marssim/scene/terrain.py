@@ -188,7 +188,8 @@ def build_terrain(
     for landform in landforms:
         landform.add_to(fine, x, x)
         landform.add_to(coarse, far_x, far_x)
-    fine += ripples(config, n_fine, x[1] - x[0], ripple_rng)
+    if window is None or config.ripple_wavelength < CELLS_PER_CRATER * window.cell:  # the map shows longer ones
+        fine += ripples(config, n_fine, x[1] - x[0], ripple_rng)
     slope, azimuth = np.tan(np.deg2rad(config.regional_slope_deg)), np.deg2rad(config.regional_azimuth_deg)
     for heights, axis in ((fine, x), (coarse, far_x)):
         heights += slope * (np.cos(azimuth) * axis + np.sin(azimuth) * axis[:, None])

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -101,3 +102,26 @@ def test_a_mistake_is_one_line(flag, capsys):
     assert main(flag.split()) == 2
     error = capsys.readouterr().err
     assert flag.split()[0] in error and error.count("\n") == 1
+
+
+def test_a_small_place_lacks_the_long_lags(tmp_path, capsys):
+    place = tmp_path / "small.json"
+    place.write_text('{"preset": "gale", "size": 12, "horizon": 30}')
+    assert main(["--scene", str(place), "--scenes", "1"]) == 0
+    rows = capsys.readouterr().out.splitlines()[2:-2]
+    assert [float(row.split()[0]) for row in rows] == [lag for lag in LAGS if lag < 100]
+
+
+def test_a_heightmap_was_asked_for_no_slopes(tmp_path, capsys):
+    np.save(tmp_path / "map.npy", np.tile(np.tan(np.deg2rad(6.0)) * np.arange(80.0), (80, 1)))
+    relief = {"heightmap": "map.npy", "heightmap_scale": 1.0, "crater_density": 0, "ripple_amplitude": 0}
+    place = tmp_path / "place.json"
+    place.write_text(json.dumps({"preset": "gale", "size": 12, "horizon": 20, "relief": relief}))
+    assert main(["--scene", str(place), "--scenes", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    over, asked, measured, _ = lines[3].split()
+    along_x = np.rad2deg(np.arctan(np.tan(np.deg2rad(6.0)) / np.sqrt(2)))  # the mean of both axes
+    assert (float(over), asked) == (1.0, "-") and float(measured) == pytest.approx(along_x, abs=0.05)
+    assert "asked" not in lines[-2]
+    assert main(["--scene", str(place), "--scenes", "1", "--rms-slope-deg", "20"]) == 2
+    assert "--rms-slope-deg is for drawn relief" in capsys.readouterr().err

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.sample import StereoSample
+from marssim.base.dataset.sample import StereoSample, recorded_mount
 from marssim.base.right_image import is_rotation
+from marssim.base.rover_spec import CameraMount
 from marssim.generate import GenerateConfig, generate_dataset
 from marssim.render.faults import RANDOM
 from marssim.render.sensor import FAULTS, SensorConfig
 from marssim.scene.look import Look
 from marssim.scene.presets import preset
 from marssim.scene.scene import SceneConfig, build_scene
+from marssim.scene.trajectory import TrajectoryConfig
 from marssim.scene.viewpoint import ViewConfig
 
 SMALL = preset("gale", size=12.0, horizon=16.0)
@@ -105,6 +107,18 @@ def test_a_drive_has_the_rover_in_all_views_or_none(tmp_path):
         asked = config(tmp_path / str(seed), 2, trajectory=True, seed=seed, view=ViewConfig(rover=(0.5, 0.5)))
         pans = [sample.meta.get("rover", {}).get("pan_deg") for sample in generate_dataset(asked)]
         assert len(set(pans)) == 1
+
+
+def test_the_mast_of_a_rover_in_view_is_rigid_over_a_drive(tmp_path):
+    rough = replace(
+        SMALL, size=24.0, horizon=30.0, relief=replace(SMALL.relief, rms_slope_deg=9, regional_slope_deg=12)
+    )
+    view, drive = ViewConfig(rover=(1.0, 1.0), rover_pan_deg=(100.0, 100.0)), TrajectoryConfig(step=0.8)
+    asked = config(tmp_path, 3, trajectory=True, view=view, drive=drive, scenes=(rough,))
+    mounts = [recorded_mount(sample.meta) for sample in generate_dataset(asked)]
+    for mount in mounts:
+        np.testing.assert_allclose(mount, mounts[0], atol=1e-9)
+    assert np.rad2deg(CameraMount.of_left_eye(mounts[0], NATECAM.baseline)[1]) == pytest.approx(100.0, abs=1e-6)
 
 
 def test_a_heightmap_is_recorded_with_its_place_and_datum(sample, tmp_path):

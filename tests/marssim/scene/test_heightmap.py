@@ -25,8 +25,13 @@ def build(path, size=12.0, horizon=16.0, seed=0, **changes):
     return build_terrain(config, size=size, cell=0.1, horizon=horizon, rng=np.random.default_rng(seed))
 
 
-def geotiff(path, values, scale=(2.0, 2.0, 0.0), model=1, unit=9001, nodata=None):
+def geotiff(path, values, scale=(2.0, 2.0, 0.0), model=1, unit=9001, nodata=None, matrix=None, tie=None, items=None):
     tags = TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, value in ((34264, matrix), (33922, tie)):
+        if value is not None:
+            tags[tag], tags.tagtype[tag] = value, 12
+    if items is not None:
+        tags[42112], tags.tagtype[42112] = items, 2
     if scale is not None:
         tags[33550], tags.tagtype[33550] = scale, 12
     tags[34735], tags.tagtype[34735] = (1, 1, 0, 2, 1024, 0, 1, model, 3076, 0, 1, unit), 3
@@ -41,6 +46,7 @@ def geotiff(path, values, scale=(2.0, 2.0, 0.0), model=1, unit=9001, nodata=None
     [
         (33550, 12, (2.0,)), (33550, 12, (0.0, 0.0, 0.0)), (33550, 12, (-1.0, -1.0)), (33550, 12, (float("nan"),) * 3),
         (33550, 2, "two metres"), (34735, 2, "keys"), (34735, 3, (1,)), (34735, 12, (float("inf"),) * 8),
+        (34264, 12, (1.0,) * 15), (34264, 2, "a matrix"),
     ],
 )  # fmt: skip
 def test_geotiff_tags_of_a_wrong_kind_are_named(tmp_path, tag, kind, value):
@@ -57,6 +63,79 @@ def hills(n, cell):
     """Return the coordinates [m] of a map's cells, and the height [m] of a smooth surface as a function of x, y [m]."""
     axis = (np.arange(n) - (n - 1) / 2) * cell
     return axis, lambda x, y: 0.05 * y + 0.4 * np.sin(2 * np.pi * x / 14.0)
+
+
+def transformation(east, north, turn=0.0):
+    """Return GeoTIFF's matrix of columns and rows to x and y."""
+    return (east, turn, 0.0, 1000.0, turn, north, 0.0, 2000.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("given", [None, 2.0])
+@pytest.mark.parametrize(("east", "north"), [(2.0, -2.0), (2.0, 2.0), (-2.0, -2.0)])
+def test_rows_and_columns_may_begin_at_any_edge(tmp_path, east, north, given):
+    values = np.arange(30.0, dtype=np.float32).reshape(5, 6)  # row 0 north, column 0 west
+    stored = values[:: 1 if north < 0 else -1, :: 1 if east > 0 else -1]
+    path = geotiff(tmp_path / "map.tif", np.ascontiguousarray(stored), scale=None, matrix=transformation(east, north))
+    found = read(path, scale=given)
+    assert found.cell == 2.0
+    np.testing.assert_array_equal(found.heights, values[::-1])
+
+
+@pytest.mark.parametrize(
+    ("tags", "says"),
+    [
+        ({"scale": None, "matrix": transformation(2.0, -2.0, 0.5)}, "its rows do not run from west to east"),
+        ({"scale": (1.0, 2.0, 0.0)}, "its cells are 1 x 2 m, not square"),
+        (
+            {"scale": (1e-5, 1e-5, 0.0), "model": 2, "tie": (0.0, 0.0, 0.0, 77.4, 45.0, 0.0)},
+            "its cells are in degrees, at 45 deg of latitude 29 % shorter from west to east; project it",
+        ),
+    ],
+)
+def test_a_given_size_of_cells_does_not_make_others_of_them(tmp_path, tags, says):
+    path = geotiff(tmp_path / "map.tif", np.zeros((6, 6), np.float32), **tags)
+    with pytest.raises(ValueError, match=rf"^`relief\.heightmap` .*map\.tif: {says}"):
+        read(path, scale=1.0)
+
+
+def test_cells_in_degrees_near_the_equator_may_be_given_a_size(tmp_path):
+    tags = {"scale": (1e-5, 1e-5, 0.0), "model": 2, "tie": (0.0, 0.0, 0.0, 77.4, -4.5, 0.0)}
+    assert read(geotiff(tmp_path / "map.tif", np.zeros((6, 6), np.float32), **tags), scale=0.6).cell == 0.6
+
+
+def test_the_scale_and_the_offset_of_gdal_give_the_heights(tmp_path):
+    items = (
+        '<GDALMetadata>\n  <Item name="OFFSET" sample="0" role="offset">-4500</Item>\n'
+        '  <Item name="SCALE" sample="0" role="scale">0.5</Item>\n'
+        '  <Item name="SCALE" sample="1" role="scale">9</Item>\n</GDALMetadata>'
+    )
+    values = np.arange(36, dtype=np.int16).reshape(6, 6)
+    path = geotiff(tmp_path / "map.tif", values, nodata="7", items=items)
+    expected = np.where(values == 7, np.nan, 0.5 * values - 4500)
+    np.testing.assert_array_equal(read(path).heights, expected[::-1])
+    np.testing.assert_array_equal(read(path, height=2.0).heights, np.where(values == 7, np.nan, 2.0 * values)[::-1])
+    for role, text in (("scale", "0"), ("scale", "half"), ("offset", "inf")):
+        broken_items = f'<Item sample="0" role="{role}">{text}</Item>'
+        with pytest.raises(ValueError, match=rf"map\.tif: the {role} of its heights must be a number, is '{text}'"):
+            read(geotiff(tmp_path / "map.tif", values, items=broken_items))
+
+
+def test_a_picture_is_no_map_of_heights_unless_they_are_given(tmp_path, recwarn):
+    path = geotiff(tmp_path / "map.tif", np.full((6, 6), 7, np.uint8))
+    with pytest.raises(ValueError, match=r"map\.tif: has 8 bits a pixel, as pictures have; give `relief.heightmap_hei"):
+        read(path)
+    assert (read(path, height=0.5).heights == 3.5).all()
+    path = geotiff(tmp_path / "wide.tif", np.zeros((6, 6), np.float32), nodata="-1.79769e+308")
+    assert np.isfinite(read(path).heights).all() and not recwarn.list
+
+
+def test_a_file_that_another_has_replaced_is_not_read(tmp_path):
+    """As on a worker that has another file in the place of the one that the command has."""
+    np.save(path := tmp_path / "map.npy", np.zeros((6, 6)))
+    digest = file_digest(str(path))
+    np.save(path, np.ones((6, 6)))
+    with pytest.raises(ValueError, match=rf"map\.npy: its SHA-256 is {file_digest(str(path))}, not {digest}"):
+        read_heightmap(str(path), digest, 1.0, None)
 
 
 @pytest.mark.parametrize("kind", ["npy", "png", "tif", "tif64"])
@@ -192,6 +271,18 @@ def test_only_craters_too_small_for_the_map_are_added(tmp_path):
     fine = {"crater_density": 0.05, "heightmap_scale": 0.2}
     np.save(tmp_path / "fine.npy", np.zeros((200, 200)))
     assert np.ptp(build(tmp_path / "fine.npy", **fine).fine.heights) == 0
+
+
+@pytest.mark.parametrize(("cell", "shown"), [(0.25, True), (0.5, False)])
+def test_only_ripples_too_short_for_the_map_are_added(tmp_path, cell, shown):
+    np.save(path := tmp_path / "map.npy", np.zeros((200, 200)))
+    heights = [
+        build(
+            path, heightmap_scale=cell, ripple_amplitude=amplitude, ripple_wavelength=1.2, ripple_cover=1.0
+        ).fine.heights
+        for amplitude in (0.0, 0.05)
+    ]
+    assert np.array_equal(*heights) == shown
 
 
 def test_the_config_records_the_digest_of_the_file(tmp_path):
