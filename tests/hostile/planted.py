@@ -47,7 +47,7 @@ DEFECTS = {
     ),
     "a pickle": Defect(
         "test_file_formats.py -k checkpoint",
-        (("m3depth/training/run.py", "device, weights_only=True", "device, weights_only=False"),),
+        (("m3depth/training/run.py", "cpu\", weights_only=True", "cpu\", weights_only=False"),),
     ),
     "a pickle in a policy": Defect(
         "test_file_formats.py -k policy",
