@@ -230,7 +230,8 @@ def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
     datum = """\nHeights are metres above
 the ground in the middle of each scene. In `sample.json`, `heightmap` has the place of this middle in the heightmap
 (`at`: metres east and north of the heightmap's middle) and its height there (`datum` in metres: the height of a point
-in the file is its height in the scene plus `datum`, less what `regional_slope_deg` raises it)."""
+in the file is its height in the scene plus `datum`, minus the height that the tilt of `regional_slope_deg` adds
+there)."""
     datum = datum if any(scene.relief.heightmap for scene in config.scenes) else ""
     raw = f"""\n
 `raw_left.png` and `raw_right.png` are the pair before rectification, and `{CALIBRATION}` has its calibration in every

@@ -7,9 +7,9 @@ The terrains are those of marssim.generate with the same seed. The RMS slope ove
 sqrt(E[(h(x + r) - h(x))^2]) / r along x and y, over all scenes, as an angle. Up to 5 m it comes from the finely gridded
 square, without the border that blends into its surroundings, and beyond from the coarse grid. The slope asked for is
 that of self-affine relief, tan(slope) = tan(RMS slope over 1 m) r^(H - 1). Craters, ditches and ripples add to it,
-unless --bare leaves them out. A place with a heightmap was asked for none. Lags that are too long for a small place are
-left out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r, by least squares
-from 0.5 m to 4 m.
+unless --bare leaves them out. Relief from a heightmap has no slope that was asked for, so that column shows -. Lags
+that are too long for a small place are left out. The Hurst exponent is 1 plus the slope of log tan(slope) over log r,
+by least squares from 0.5 m to 4 m.
 
 A scene is a small piece of relief, so that scenes differ much over the longest lags. "error" is the standard error of
 the measured slope that follows from their scatter, 0 for a single scene.
@@ -83,7 +83,7 @@ class Slopes:
         measured: (L,) RMS slope that was measured [deg]; NaN where the terrains are too small for the lag.
         error: (L,) standard error of the measured slope, by the scatter of the terrains [deg].
         hurst: Hurst exponent that was measured; NaN on level ground and on places too small for it.
-        gentle: Share of the planes of 1 m x 1 m that are less than GENTLE steep.
+        gentle: Share of the planes of 1 m x 1 m that are less than GENTLE steep; NaN on places too small for it.
     """
 
     asked: np.ndarray
@@ -129,12 +129,15 @@ def gentle_share(grid: HeightGrid, margin: float = 0.0) -> float:
     Args:
         grid: The heights.
         margin: Width of the border that is left out [m].
+
+    Returns:
+        The share; NaN if the grid is too small for such a plane.
     """
     rim, n = int(np.ceil(margin / grid.cell)), round(1 / grid.cell)
     h = grid.heights[rim : grid.heights.shape[0] - rim, rim : grid.heights.shape[1] - rim]
     east, north = h[:, n:] - h[:, :-n], h[n:] - h[:-n]
     steep = np.hypot(east[n:] + east[:-n], north[:, n:] + north[:, :-n]) / (2 * n * grid.cell)
-    return float(np.mean(np.rad2deg(np.arctan(steep)) < GENTLE))
+    return float(np.mean(np.rad2deg(np.arctan(steep)) < GENTLE)) if steep.size else np.nan
 
 
 def measure(terrains: Iterable[Terrain], hurst: float, rms_slope_deg: float | None) -> Slopes:
@@ -200,11 +203,15 @@ def _work(config: SlopesConfig) -> None:
     print("over [m]  asked  measured  error")
     for lag, asked, measured, error in zip(LAGS, result.asked, result.measured, result.error):
         if not np.isnan(measured):
-            print(f"{lag:8g} {'-' if np.isnan(asked) else f'{asked:.2f}':>6} {measured:9.2f} {error:6.2f}")
+            print(f"{lag:8g} {_shown(asked, '.2f'):>6} {measured:9.2f} {error:6.2f}")
     fitted = f"{LAGS[0]:g} m to {LAGS[FITTED - 1]:g} m"
     due = f"asked {relief.hurst:.2f}, " if relief.heightmap is None else ""
-    print(f"Hurst exponent, {fitted}: {due}measured {result.hurst:.2f}")
-    print(f"planes of 1 m x 1 m under {GENTLE:g} deg: {result.gentle:.1%}")
+    print(f"Hurst exponent, {fitted}: {due}measured {_shown(result.hurst, '.2f')}")
+    print(f"planes of 1 m x 1 m under {GENTLE:g} deg: {_shown(result.gentle, '.1%')}")
+
+
+def _shown(value: float, form: str) -> str:
+    return "-" if np.isnan(value) else format(value, form)
 
 
 if __name__ == "__main__":

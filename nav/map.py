@@ -59,8 +59,8 @@ EDGE = 1.0  # [m] around what can be seen
 COLUMNS = 1024  # of an image that are used, roughly: more than while driving, as time does not matter here
 
 
-# EPSG codes of well-known coordinate systems that are geographic, or around the centre of the Earth
-IN_DEGREES = (4258, 4267, 4269, 4283, 4326, 4490, 4612, 4674, 4978, 4979, 6318, 7844)
+# well-known EPSG codes that are geographic or geocentric; a map needs a projected one
+NOT_PROJECTED = (4258, 4267, 4269, 4283, 4326, 4490, 4612, 4674, 4978, 4979, 6318, 7844)
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class MapOptions:
             raise ValueError(f"origin must be two finite numbers [m], got {self.origin}")
         if self.epsg is not None and not 1024 <= self.epsg <= 32766:
             raise ValueError(f"epsg must be 1024 to 32766, got {self.epsg}")
-        if self.epsg in IN_DEGREES:
+        if self.epsg in NOT_PROJECTED:
             raise ValueError(f"epsg must be a projected coordinate system in metres, got {self.epsg}, which is not one")
 
 

@@ -56,7 +56,8 @@ class EpisodeSettings:
 
         They are the values that the episode has: those of a condition or of options, where these replaced what was
         drawn. None stands for what the scene has of itself. Numbers are floats, and a condition without a name is the
-        JSON text of its values, as a vector environment of gymnasium gives all the type of the first.
+        JSON text of its values: a vector environment of gymnasium converts the values of all environments to the type
+        of the first.
         """
         if not self.drawn:
             return {}

@@ -152,7 +152,8 @@ def record_of(
         raise ValueError(f"{name}: has no pose, which --cloud-frame world needs: give --poses")
     if options.cloud_frame == "rover" and inputs.lacks_frames(pair):
         raise ValueError(
-            "the frames of the bag do not say where the camera is on the rover then, which --cloud-frame rover needs"
+            f"{pair.name}: the frames of the bag do not say where the camera is on the rover at this time, which "
+            "--cloud-frame rover needs"
         )
     return {
         **method.record,

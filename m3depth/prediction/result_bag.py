@@ -47,7 +47,8 @@ def write_bag(out: Path, source: BagPairs, names: Sequence[str], cloud_frame: Cl
     stamps = [int(record["stamp_ns"]) for record in records.values()] or [0]
     frames = {"camera": source.frame, "rover": source.rover or BASE_LINK, "world": source.world or ""}
     fixed: dict[str, Any] = {}
-    if cloud_frame == "rover" and source.rover is None and records:  # then the camera stands in no frame
+    stands_alone = source.rover is None and source.transforms.parent(source.frame) is None
+    if cloud_frame == "rover" and stands_alone and records:  # only --mount says where it is
         mount = np.array(next(iter(records.values()))[ROVER_KEY])
         fixed[source.frame] = frames_message(stamps[0], [(BASE_LINK, source.frame, mount)]).transforms[0]
     farthest = 0.0

@@ -153,6 +153,7 @@ def validate(
                 entry = total.setdefault(name, [0.0, 0.0])
                 entry[0] += pair[0]
                 entry[1] += pair[1]
+        del sample, batch  # before the next pair is read
     for model, before in zip(models, training, strict=True):
         model.train(before)
     return [{name: s / n if n else float("nan") for name, (s, n) in total.items()} for total in totals]

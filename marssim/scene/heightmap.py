@@ -1,7 +1,7 @@
 """Heightmaps from files (NumPy array, 16-bit PNG, GeoTIFF), and the roughness that they lack below their resolution.
 
-In a file, row 0 is the northern edge and column 0 the western one, as in an image. A value belongs to the middle of its
-cell.
+In a file, row 0 is the northern edge and column 0 the western one, as in an image, unless the tags of a GeoTIFF say
+otherwise. A value belongs to the middle of its cell.
 """
 
 from __future__ import annotations

@@ -90,7 +90,8 @@ class ElevationMap:
         low: (n, n) float32 [iy, ix], height of the ground [m]; NaN where unknown.
         weight: (n, n) float32 [iy, ix], inverse squared range error of the best looks [1 / m2].
         hidden_drop: (n, n) bool [iy, ix], a look showed that ground is hidden here and may drop; see possible_drop.
-        from_prior: (n, n) bool [iy, ix], the heights are those of another map (see complete), and no look showed them.
+        from_prior: (n, n) bool [iy, ix], the heights are those of another map (see complete), and no look that weighs
+            more has shown them.
     """
 
     def __init__(self, config: ElevationConfig | None = None, centre: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -159,7 +160,8 @@ class ElevationMap:
     def complete(self, other: ElevationMap) -> None:
         """Fill the cells that were never measured from another map of any size, where that one measured.
 
-        The first look at such a cell replaces its heights, unless their weight is larger than that of the look.
+        The first look at such a cell that weighs more than its heights replaces them; lighter looks are averaged with
+        them.
 
         Raises:
             ValueError: Cells of the two maps differ in size.
@@ -376,4 +378,4 @@ class ElevationMap:
             values[touched] = before + np.where((new - before) * sign > 0, quick, slow) * (new - before)
         # Looks share their errors (the same matching bias), so a cell's weight saturates at four of the best looks.
         self.weight.ravel()[touched] = np.where(fresh, gain, np.maximum(old, np.minimum(old + gain, 4 * gain)))
-        self.from_prior.ravel()[touched] = False
+        self.from_prior.ravel()[touched] &= gain <= old

@@ -278,7 +278,8 @@ def _ground_cost(
     """Return the extra cost per metre of the ground itself (n, n), from step [m], slope [rad] and roughness [m]."""
     cost: np.ndarray = c.step_cost * _ramp(step, c.step_free, c.step_blocked)
     cost = cost + c.slope_cost * _ramp(slope, np.deg2rad(c.slope_free_deg), np.deg2rad(c.slope_blocked_deg))
-    cost = cost + c.roughness_cost * _ramp(roughness, ROUGHNESS_FREE, c.roughness_blocked)
+    free = ROUGHNESS_FREE * min(1.0, c.roughness_blocked / TraversabilityConfig.roughness_blocked)
+    cost = cost + c.roughness_cost * _ramp(roughness, free, c.roughness_blocked)
     # The ground under any wheel counts: a wheel feels its surroundings, the centre the mean over the footprint.
     reach = _odd(spec.width, cell)
     return np.asarray(cv2.blur(cv2.dilate(cost, _square(_odd(2 * spec.wheel_radius, cell))), (reach, reach)))

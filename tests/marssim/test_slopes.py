@@ -85,7 +85,7 @@ def test_the_terrains_are_those_of_the_scenes():
 def test_level_ground_has_no_exponent(capsys):
     assert main(["--bare", "--rms-slope-deg", "0", "--scenes", "1"]) == 0
     out = capsys.readouterr().out
-    assert "measured nan" in out and "100.0%" in out
+    assert "measured -" in out and "100.0%" in out
 
 
 def test_the_command_prints_a_table(capsys):
@@ -102,6 +102,13 @@ def test_a_mistake_is_one_line(flag, capsys):
     assert main(flag.split()) == 2
     error = capsys.readouterr().err
     assert flag.split()[0] in error and error.count("\n") == 1
+
+
+def test_the_smallest_place_has_no_planes_and_no_exponent(tmp_path, capsys, recwarn):
+    (place := tmp_path / "tiny.json").write_text('{"preset": "gale", "size": 4, "horizon": 10}')
+    assert main(["--scene", str(place), "--scenes", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1].endswith(": -") and lines[-2].endswith("measured -") and not recwarn.list
 
 
 def test_a_small_place_lacks_the_long_lags(tmp_path, capsys):

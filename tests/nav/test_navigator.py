@@ -8,6 +8,7 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.base.rover_spec import ZHURONG
 from nav import ElevationConfig, ElevationMap, Navigator, NavigatorConfig
+from nav.ground.traversability import _ground_cost
 from nav.path.footprint import arc_poses
 from nav.path.planner import Motion
 
@@ -351,6 +352,14 @@ def test_settings_follow_the_spec_and_zhurongs_are_the_defaults():
     assert [level.step for level in small.risk_levels] == pytest.approx([0.115, 0.125, 0.1375])
     tiny = NavigatorConfig.of_rover(replace(ZHURONG, obstacle_height=0.02, wheel_radius=ZHURONG.wheel_radius / 8))
     assert tiny.traversability.hiding_width == tiny.elevation.drops.least_gap == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("obstacle_height", [0.02, 0.06, 0.3, 0.6])
+def test_level_ground_costs_nothing_more_for_any_rover_and_rough_ground_does(obstacle_height):
+    config = NavigatorConfig.of_rover(replace(ZHURONG, obstacle_height=obstacle_height)).traversability
+    zero, rough = np.zeros((9, 9), np.float32), np.full((9, 9), config.roughness_blocked, np.float32)
+    costs = [_ground_cost(zero, zero, roughness, ZHURONG, 0.1, config) for roughness in (zero, rough / 2, rough)]
+    assert (costs[0] == 0).all() and (costs[1] > 0.1).all() and costs[2] == pytest.approx(config.roughness_cost)
 
 
 def test_a_rover_that_cannot_turn_in_place_is_refused():

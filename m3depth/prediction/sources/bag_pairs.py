@@ -112,6 +112,8 @@ class BagPairs:
                 raise DatasetError(f"{path}, {topic}: {error}") from None
         self.frame = str(first[0].header.frame_id)
         self.rover = self.transforms.rover(self.frame)
+        if all(self.on_rover(n) is None for n in range(self.count)):
+            self.rover = None  # its frames say nothing at any pair, so that --mount counts
         self.world = self._world()
 
     def stamp(self, number: int) -> int:
@@ -185,7 +187,7 @@ class BagPairs:
         if any(pose is not None and np.abs(pose[:3, 3]).max() > FARTHEST for pose in poses):
             print(
                 f"warning: {self.bag.path}: the cameras are over {FARTHEST:g} m from the origin of {world}, so there "
-                "are no poses; record a frame map near the drive, or give --poses",
+                "are no poses; record a frame named map whose origin is near the drive, or give --poses",
                 file=sys.stderr,
             )
             return None
@@ -259,7 +261,7 @@ class BagPairs:
 
 
 def check_result_bag(options: PredictOptions, bag: BagPairs) -> None:
-    """Raise ValueError for a bag of results whose frames would lack that of its clouds, or its depth the sky."""
+    """Raise ValueError if the bag of results would lack the frame of its clouds, or its maps cannot tell the sky."""
     if "bag" in options.write and not {"npy", "tiff"} & set(options.map_format):
         raise ValueError(
             f"--map-format {' '.join(options.map_format)}: the bag of the results is made of the maps, and these do "
@@ -274,7 +276,7 @@ def check_result_bag(options: PredictOptions, bag: BagPairs) -> None:
         )
     if options.cloud_frame == "rover" and bag.rover is None and bag.transforms.parent(bag.frame) is not None:
         raise ValueError(
-            f"--cloud-frame rover: {bag.frame} of {bag.bag.path} stands in no frame of a rover "
+            f"--cloud-frame rover: {bag.frame} of {bag.bag.path} is not known in a frame of a rover "
             f"({', '.join(ROVER_FRAMES)}); take camera or world, or leave bag out of --write"
         )
 

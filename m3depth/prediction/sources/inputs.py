@@ -206,7 +206,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
         raise ValueError("--stamp-tolerance is for ROS 2 bags: it pairs their images")
     if isinstance(inputs.recording, BagPairs) and options.mount and inputs.recording.rover is not None:
         where = f"the frames of {options.images[0]} say where the cameras are on the rover"
-        print(f"warning: {where}: --mount is not used", file=sys.stderr)
+        print(f"warning: {where}; --mount is not used, also for pairs at which they do not", file=sys.stderr)
     if not inputs.pairs:
         raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:

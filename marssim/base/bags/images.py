@@ -111,7 +111,8 @@ def _demosaiced(image: np.ndarray, form: str) -> np.ndarray:
     """Return the RGB image of a Bayer mosaic; an image that is grey by its format as it is.
 
     The format is "ENCODING; CODEC compressed ENCODING" of the image before and of what was compressed. image_transport
-    keeps mosaics as they are in PNG and TIFF, where it leaves out the second encoding, and in JPEG if it is asked to.
+    leaves out the second encoding, or repeats the first, where it keeps the mosaic; newer releases convert it for JPEG,
+    and then write mono8.
 
     Args:
         image: (H, W).
@@ -120,11 +121,11 @@ def _demosaiced(image: np.ndarray, form: str) -> np.ndarray:
     Raises:
         ValueError: The mosaic is of an encoding that is not supported; the message begins with it.
     """
-    parts = re.match(r"\s*(bayer_\w+)\s*;\s*(\w+)\s+compressed\s*(\w*)", form)
+    parts = re.match(r"\s*(bayer_\w+)\s*;\s*\w+\s+compressed\s*(\w*)", form)
     if parts is None:
         return image
-    encoding, codec, compressed = parts.groups()
-    if compressed != encoding and (compressed or codec not in ("png", "tiff")):
+    encoding, compressed = parts.groups()
+    if compressed not in ("", encoding):
         return image
     if encoding not in ENCODINGS:
         raise ValueError(f"encoding {encoding!r} is not supported; {', '.join(ENCODINGS)} are")

@@ -79,10 +79,10 @@ def _add_odometry(tree: Transforms, messages: Iterable[Any]) -> None:
             if root is None or outer == root or tree.contains(outer, child) or tree.contains(root, outer):
                 return
             up = np.linalg.inv(tree.pose(child, 0, root))  # type: ignore[arg-type]  # all frames between are fixed
-            tree.odometry.add(root)
         pose = _pose(message.pose.pose.position, message.pose.pose.orientation)
         if pose is not None:
             tree.add(message.header.frame_id, root, pose @ up, stamp_of(message))
+            tree.odometry.add(root)
 
 
 def _pose(position: Any, turn: Any) -> np.ndarray | None:

@@ -95,9 +95,10 @@ class Transforms:
         """
         chain = self._chain(frame)
         first = next((i for i, name in enumerate(chain) if name in self._moving), len(chain))
-        around = chain[first + 1 :]
+        on_rover = max((i for i, name in enumerate(chain) if _last(name) in ROVER_FRAMES), default=-1)
+        around = chain[max(first, on_rover) + 1 :]  # parts of a rover, such as the foot of its mast, are no world
         at_map = next((i for i, name in enumerate(around) if _last(name) == MAP), len(around) - 1)
-        around = [name for name in around[: at_map + 1] if _last(name) not in ROVER_FRAMES]
+        around = around[: at_map + 1]
         local = [name for name in around if _last(name) not in EARTH_FRAMES]
         return next(iter((local or around)[::-1]), None)
 

@@ -15,7 +15,7 @@ PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS = 33550, 33922, 34264, 34735  #
 GDAL_ITEMS, NO_DATA = 42112, 42113  # tags of GDAL
 MODEL_TYPE, GEOGRAPHIC, LINEAR_UNIT, METRE = 1024, 2, 3076, 9001  # keys of GeoTIFF and their values
 LIKE = 1e-3  # share by which the sides of a square cell may differ, or its rows be turned
-NARROWEST = 0.99  # width over height of cells in degrees that are taken for square
+NOT_SQUARE = 0.01  # share by which the sides of cells in degrees may differ on the ground
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,7 @@ def read_geotiff_tags(path: str, name: str, scale_field: str, has_scale: bool) -
     if not has_scale:
         _check_kinds(named, name)
     east, north = _steps(named, name)
-    if east is not None and north is not None and not np.isclose(abs(east), abs(north), rtol=LIKE):
-        raise ValueError(f"{name}: its cells are {abs(east):g} x {abs(north):g} m, not square; resample it")
-    _check_units(named, rows, north, name, scale_field, has_scale)
+    _check_cells(named, rows, east, north, name, scale_field, has_scale)
     items = str(named[GDAL_ITEMS] or "")
     try:
         nodata = None if named[NO_DATA] is None else float(str(named[NO_DATA]).strip(" \0"))
@@ -99,36 +97,52 @@ def _steps(tags: dict[int, Any], name: str) -> tuple[float | None, float | None]
     if _are_numbers(matrix, 16):
         east, north = float(matrix[0]), float(matrix[5])
         if max(abs(matrix[1]), abs(matrix[4])) > LIKE * min(abs(east), abs(north)) or 0.0 in (east, north):
-            raise ValueError(f"{name}: its rows do not run from west to east; resample it with north up")
+            raise ValueError(f"{name}: is turned: its rows do not run along the east; resample it with north up")
         return east, north
     if _are_numbers(size, 2) and min(size[:2]) > 0:
         return float(size[0]), -float(size[1])
     return None, None
 
 
-def _check_units(
-    tags: dict[int, Any], rows: int, north: float | None, name: str, scale_field: str, has_scale: bool
-) -> None:
-    """Raise ValueError unless the cells are measured in metres, or have the size that was given from side to side."""
-    keys = tags[GEO_KEYS]
-    if not _are_numbers(keys, 4):
-        return
+def _check_cells(
+    tags: dict[int, Any], rows: int, east: float | None, north: float | None, name: str, scale_field: str,
+    has_scale: bool,
+) -> None:  # fmt: skip
+    """Raise ValueError unless the cells are square and in metres, or the user gave their size.
+
+    Args:
+        tags: The tags.
+        rows: Number of rows.
+        east: How far the next column lies to the east; None if the tags do not say.
+        north: How far the next row lies to the north.
+        name: Name of the file.
+        scale_field: Name of the setting that gives the cells' size.
+        has_scale: Whether the user gave it.
+    """
+    keys = tags[GEO_KEYS] if _are_numbers(tags[GEO_KEYS], 4) else ()
     entries = {key: value for key, place, _, value in zip(*[iter(keys[4:])] * 4) if place == 0}
-    if entries.get(MODEL_TYPE) != GEOGRAPHIC:
-        if not has_scale and entries.get(LINEAR_UNIT, METRE) != METRE:
-            raise ValueError(f"{name}: its cells are not measured in metres; give {scale_field} [m]")
-        return
-    if not has_scale:
+    in_degrees = entries.get(MODEL_TYPE) == GEOGRAPHIC
+    if in_degrees and not has_scale:
         raise ValueError(f"{name}: its cells are in degrees; project it, or give {scale_field} [m] near the equator")
+    if not in_degrees and not has_scale and entries.get(LINEAR_UNIT, METRE) != METRE:
+        raise ValueError(f"{name}: its cells are not measured in metres; give {scale_field} [m]")
+    if east is None or north is None:
+        return
+    share = abs(east / north)
+    if not in_degrees:
+        if not np.isclose(share, 1, rtol=LIKE):
+            raise ValueError(f"{name}: its cells are {abs(east):g} x {abs(north):g}, not square; resample it")
+        return
     tie, matrix = tags[TIE_POINT], tags[TRANSFORMATION]
-    if north is None or not (_are_numbers(matrix, 16) or _are_numbers(tie, 6)):
+    if not (_are_numbers(matrix, 16) or _are_numbers(tie, 6)):
         return
     first, at = (float(matrix[7]), 0.0) if _are_numbers(matrix, 16) else (float(tie[4]), float(tie[1]))
     latitude = first + (rows / 2 - at) * north
-    if (width := math.cos(math.radians(latitude))) < NARROWEST:
+    share *= math.cos(math.radians(latitude))
+    if abs(share - 1) > NOT_SQUARE:
         raise ValueError(
-            f"{name}: its cells are in degrees, at {latitude:.0f} deg of latitude {100 * (1 - width):.0f} % shorter "
-            "from west to east; project it"
+            f"{name}: its cells are in degrees, and at {latitude:.0f} deg of latitude {share:.2f} times as wide as "
+            "high; project it"
         )
 
 
@@ -141,7 +155,8 @@ def _item(items: str, role: str, default: float, name: str) -> float:
             except ValueError:
                 value = math.nan
             if not math.isfinite(value) or (role == "scale" and value == 0):
-                raise ValueError(f"{name}: the {role} of its heights must be a number, is {text!r:.60}")
+                wanted = "must be a finite number, not 0" if role == "scale" else "must be a finite number"
+                raise ValueError(f"{name}: the {role} of its heights {wanted}, is {text!r:.60}")
             return value
     return default
 

@@ -138,7 +138,7 @@ def test_a_cloud_of_another_frame_names_it(bag, result, tmp_path):
 def test_the_frames_of_the_bag_hold_also_beside_a_mount(bag, result, tmp_path, capsys):
     """The clouds are stamped base_link, and the result has the frames of the source."""
     predict(options(bag, tmp_path / "out", cloud_frame="rover", mount=(0.0, 2.0, 45.0)), SGBM())
-    assert "say where the cameras are on the rover: --mount is not used" in capsys.readouterr().err
+    assert "say where the cameras are on the rover; --mount is not used" in capsys.readouterr().err
     records = [json.loads((out / "frame_000001/prediction.json").read_text()) for out in (result, tmp_path / "out")]
     assert records[1]["camera_to_rover"] == records[0]["camera_to_rover"] and not records[1]["mount_assumed"]
 
@@ -239,10 +239,13 @@ def test_a_camera_without_frames_stands_on_the_rover_by_its_mount(plane_samples,
 def test_a_camera_in_frames_without_a_rover_gives_no_clouds_on_it(plane_samples, tmp_path):
     source = write_planes(tmp_path / "planes", plane_samples[:1], renamed(base_link="drone"))
     with pytest.raises(
-        ValueError, match=r"^--cloud-frame rover: left_camera_optical of .* stands in no frame of a rove"
+        ValueError, match=r"^--cloud-frame rover: left_camera_optical of .* is not known in a frame of a rove"
     ):
         predict(options(source, tmp_path / "out", cloud_frame="rover"), SGBM())
     predict(options(source, tmp_path / "out", cloud_frame="rover", write=("depth", "cloud")), SGBM())
+    predict(options(source, tmp_path / "maps", cloud_frame="rover", write=("depth", "bag")), SGBM())
+    frames = [item.child_frame_id for m in of(by_rosbags(tmp_path / "maps/bag"), "/tf_static") for item in m.transforms]
+    assert frames.count("left_camera_optical") == 1  # in the frame of the source alone
 
 
 def test_points_that_32_bits_cannot_tell_apart_are_reported(plane_samples, tmp_path, capsys):

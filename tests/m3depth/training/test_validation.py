@@ -90,23 +90,34 @@ def test_networks_are_validated_together_on_pairs_that_are_read_once(plane_sampl
     assert together[0]["epe"] != together[1]["epe"]
 
 
-def test_a_validation_holds_one_pair_at_a_time(plane_set, tmp_path, monkeypatch) -> None:
+def test_a_validation_holds_one_pair_at_a_time(plane_samples) -> None:
+    read: list[weakref.ref] = []
+
+    def samples():
+        for sample in plane_samples:
+            assert not any(pair() is not None for pair in read)
+            packed = pack(sample)
+            read.append(weakref.ref(packed.normal))  # the images are those of the sample
+            yield packed
+            del packed
+
+    validate([M3Depth(SMALL)], samples(), torch.device("cpu"))
+    assert len(read) == len(plane_samples) > 2
+
+
+def test_pairs_of_a_validation_are_read_one_after_the_other(plane_set, tmp_path, monkeypatch) -> None:
     config = TrainConfig(data=(plane_set,), out=tmp_path, validate_samples=8, device="cpu", cache=False)
-    alive: list[weakref.ref] = []
-
-    def watched(models, samples, device):
-        for sample in samples:
-            assert not any(pair() is not None for pair in alive)
-            alive.append(weakref.ref(sample.left))
-            del sample
-        return [{"epe": 1.0}, {"epe": 2.0}]
-
+    given = []
     monkeypatch.setitem(model_module.PRESETS, "lite", SMALL)
-    monkeypatch.setattr("m3depth.training.validation.validate", watched)
     monkeypatch.setattr("m3depth.training.validation.pairs_figure", lambda *_: np.zeros((8, 8, 3), np.uint8))
+    monkeypatch.setattr(
+        "m3depth.training.validation.validate",
+        lambda models, samples, device: given.append(samples) or [{"epe": 1.0}, {"epe": 2.0}],
+    )
     with closing(Log(tmp_path, 0)) as log:
         assert Validator(Run(config, torch.device("cpu")), log, open_pairs(plane_set, "all")).validate() == {"epe": 2.0}
-    assert len(alive) == 8
+    (samples,) = given
+    assert iter(samples) is samples and len(list(samples)) == 8
 
 
 def test_the_panel_names_its_pairs_and_has_their_scales(plane_set, tmp_path, monkeypatch, drawn_figures) -> None:

@@ -84,11 +84,14 @@ def test_rows_and_columns_may_begin_at_any_edge(tmp_path, east, north, given):
 @pytest.mark.parametrize(
     ("tags", "says"),
     [
-        ({"scale": None, "matrix": transformation(2.0, -2.0, 0.5)}, "its rows do not run from west to east"),
-        ({"scale": (1.0, 2.0, 0.0)}, "its cells are 1 x 2 m, not square"),
+        (
+            {"scale": None, "matrix": transformation(2.0, -2.0, 0.5)},
+            "is turned: its rows do not run along the east; resample it with north up",
+        ),
+        ({"scale": (1.0, 2.0, 0.0)}, "its cells are 1 x 2, not square"),
         (
             {"scale": (1e-5, 1e-5, 0.0), "model": 2, "tie": (0.0, 0.0, 0.0, 77.4, 45.0, 0.0)},
-            "its cells are in degrees, at 45 deg of latitude 29 % shorter from west to east; project it",
+            "its cells are in degrees, and at 45 deg of latitude 0.71 times as wide as high; project it",
         ),
     ],
 )
@@ -98,9 +101,13 @@ def test_a_given_size_of_cells_does_not_make_others_of_them(tmp_path, tags, says
         read(path, scale=1.0)
 
 
-def test_cells_in_degrees_near_the_equator_may_be_given_a_size(tmp_path):
-    tags = {"scale": (1e-5, 1e-5, 0.0), "model": 2, "tie": (0.0, 0.0, 0.0, 77.4, -4.5, 0.0)}
-    assert read(geotiff(tmp_path / "map.tif", np.zeros((6, 6), np.float32), **tags), scale=0.6).cell == 0.6
+def test_cells_in_degrees_that_are_square_on_the_ground_may_be_given_a_size(tmp_path):
+    for width, latitude in ((1e-5, -4.5), (2e-5, 60.0)):  # those of twice the degrees are square there
+        tags = {"scale": (width, 1e-5, 0.0), "model": 2, "tie": (0.0, 0.0, 0.0, 77.4, latitude, 0.0)}
+        path = geotiff(tmp_path / "map.tif", np.zeros((6, 6), np.float32), **tags)
+        assert read(path, scale=0.6).cell == 0.6
+        with pytest.raises(ValueError, match=r"its cells are in degrees; project it, or give `relief.heightmap_scale`"):
+            read(path)
 
 
 def test_the_scale_and_the_offset_of_gdal_give_the_heights(tmp_path):
@@ -116,7 +123,8 @@ def test_the_scale_and_the_offset_of_gdal_give_the_heights(tmp_path):
     np.testing.assert_array_equal(read(path, height=2.0).heights, np.where(values == 7, np.nan, 2.0 * values)[::-1])
     for role, text in (("scale", "0"), ("scale", "half"), ("offset", "inf")):
         broken_items = f'<Item sample="0" role="{role}">{text}</Item>'
-        with pytest.raises(ValueError, match=rf"map\.tif: the {role} of its heights must be a number, is '{text}'"):
+        says = rf"map\.tif: the {role} of its heights must be a finite number.*, is '{text}'$"
+        with pytest.raises(ValueError, match=says):
             read(geotiff(tmp_path / "map.tif", values, items=broken_items))
 
 

@@ -287,9 +287,21 @@ def test_the_first_look_replaces_the_heights_of_another_map_unless_they_weigh_mo
         heights = elevation.top[iy, ix], elevation.low[iy, ix]
         assert (heights == pytest.approx((0.0, 0.0), abs=0.01)) == is_replaced
         assert (pytest.approx(height, abs=0.01) in heights) != is_replaced
-        assert not elevation.from_prior[iy, ix] and elevation.from_prior.any()
+        assert elevation.from_prior[iy, ix] != is_replaced and elevation.from_prior.any()
         elevation.complete(prior)
-        assert not elevation.from_prior[iy, ix]
+        assert elevation.from_prior[iy, ix] != is_replaced
+
+
+def test_a_look_that_weighs_more_replaces_heights_of_before_also_after_lighter_ones():
+    elevation, prior = ElevationMap(SMALL), ElevationMap(SMALL)
+    prior.top[:], prior.low[:], prior.weight[:] = 1.0, 1.0, 20.0
+    elevation.complete(prior)
+    cell, level = np.array([0]), np.zeros(1, np.float32)
+    heights = []
+    for gain in (10.0, 500.0):
+        elevation._blend(cell, level, level, np.array([gain], np.float32))
+        heights.append((elevation.top[0, 0], elevation.low[0, 0]))
+    assert heights[0][0] > 0.3 and heights[1] == (0.0, 0.0) and not elevation.from_prior[0, 0]
 
 
 def test_a_map_of_other_cells_completes_none():

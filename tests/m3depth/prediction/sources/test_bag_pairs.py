@@ -225,7 +225,7 @@ def test_the_camera_on_the_rover_is_known_before_the_first_pose_of_the_rover_and
         np.testing.assert_allclose(pairs.on_rover(number), ZHURONG.mount.left_eye(0.27), atol=1e-9)
 
 
-def test_pairs_at_which_the_mast_is_unknown_take_no_other_place_on_the_rover(make, tmp_path, capsys):
+def test_pairs_at_which_the_mast_is_unknown_do_not_take_the_place_of_mount(make, tmp_path, capsys):
     def late(topic, message):
         if topic == "/tf" and stamp_of(message.transforms[0]) < STAMPS[1]:
             message.transforms = [item for item in message.transforms if item.child_frame_id != "left_camera"]
@@ -236,12 +236,25 @@ def test_pairs_at_which_the_mast_is_unknown_take_no_other_place_on_the_rover(mak
     assert main([str(bag), "--out", str(tmp_path / "rover"), *flags, "--cloud-frame", "rover"]) == 0
     printed = capsys.readouterr()
     assert "--mount is not used" in printed.err and "2 of 3 pairs; 1 skipped" in printed.out
-    assert "frame_000000 is skipped: the frames of the bag do not say where the camera is on the rover" in printed.err
+    assert "skipped: frame_000000: the frames of the bag do not say where the camera is on the rover" in printed.err
     assert main([str(bag), "--out", str(tmp_path / "camera"), *flags]) == 0
     records = [json.loads((tmp_path / f"camera/frame_00000{n}/prediction.json").read_text()) for n in range(3)]
     assert [record["mount_assumed"] for record in records] == [True, False, False]
     for record in records:
         np.testing.assert_allclose(record["camera_to_rover"], ZHURONG.mount.left_eye(0.27), atol=1e-9)
+
+
+def test_a_mast_that_is_known_at_no_pair_leaves_the_place_to_mount(make, tmp_path, capsys):
+    def later(topic, message):
+        for item in getattr(message, "transforms", []):
+            item.header.stamp.sec += 1000 if topic == "/tf" else 0
+        return message
+
+    flags = ["--method", "sgbm", "--write", "depth", "--mount", "0", "2", "45"]
+    assert main([str(make(later)), "--out", str(tmp_path / "out"), *flags]) == 0
+    assert "--mount" not in capsys.readouterr().err
+    record = json.loads((tmp_path / "out/frame_000001/prediction.json").read_text())
+    assert record["camera_to_rover"][2][3] == pytest.approx(2.0) and not record["mount_assumed"]
 
 
 def test_poses_in_a_frame_of_the_earth_are_left_out(make, capsys):

@@ -109,7 +109,7 @@ def compressed(form, image, suffix):
     [
         ("{0}; png compressed ", ".png", True), ("{0}; tiff compressed", ".tiff", True),
         ("{0}; jpeg compressed {0}", ".png", True), ("{0}; jpeg compressed mono8", ".png", False),
-        ("{0}; jpeg compressed ", ".png", False), ("mono8; png compressed ", ".png", False), ("png", ".png", False),
+        ("{0}; jpeg compressed ", ".png", True), ("mono8; png compressed ", ".png", False), ("png", ".png", False),
     ],
 )  # fmt: skip
 def test_a_compressed_mosaic_becomes_the_colours_of_the_same_mosaic(pattern, form, suffix, is_mosaic):

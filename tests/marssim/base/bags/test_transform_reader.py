@@ -90,3 +90,12 @@ def test_frames_of_a_namespace_are_found_by_the_topic_of_the_images(tmp_path, to
     assert frame_topics(Bag(tmp_path / "bag"), near) == expected
     tree = read_transforms(Bag(tmp_path / "bag"), near)
     assert {topic for topic in topics if tree.parent(f"eye_of{topic}")} == set(topics) & set(expected)
+
+
+def test_odometry_without_a_pose_is_none(tmp_path):
+    message = odometry_message(5, "odom", "base_link", pose(7))
+    message.pose.pose.orientation.w = 0.0  # as some nodes send it before they know better
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write("/odom", 5, message)
+    tree = read_transforms(Bag(tmp_path / "bag"))
+    assert not tree.odometry and tree.parent("base_link") is None

@@ -50,7 +50,8 @@ def test_what_stands_still_has_no_world_and_a_circle_has_no_pose():
 def test_a_mast_that_turns_on_a_rover_moves_in_no_world(outermost):
     tree = Transforms()
     tree.add("mast", "eye", pose(1))
-    tree.add(outermost, "mast", pose(1), 5)
+    tree.add("foot", "mast", pose(1), 5)
+    tree.add(outermost, "foot", pose(1))
     assert tree.world("eye") is None
     tree.add("odom", outermost, pose(1), 5)
     assert tree.world("eye") == "odom"
