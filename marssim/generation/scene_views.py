@@ -181,9 +181,11 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
                 pose, rng = poses[view], _rng_of(config, scene_index, view)
             view_sensor = sensor or Sensor.draw(config.sensor, rng)
             pan = draw_rover(config, scene_index, view)
-            rover = None if pan is None else rover_below(scene, pose, config.rig.baseline, pan)
+            rover = None
             if pan is not None and mount is not None:  # the mast is rigid over a drive
                 rover = pose @ np.linalg.inv(mount)
+            elif pan is not None:
+                rover = rover_below(scene, pose, config.rig.baseline, pan)
             frame = render_stereo(renderer, shader, config.rig, pose, view_sensor, rng, rover)
             meta = _meta(config, scene, view_sensor, scene_index, view)
             if pan is not None and rover is not None:

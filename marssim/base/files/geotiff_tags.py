@@ -148,7 +148,7 @@ def _check_cells(
 
 def _item(items: str, role: str, default: float, name: str) -> float:
     """Return a number of the first band in GDAL's XML, by its role; the default if it is not there."""
-    for attributes, text in re.findall(r"<Item\s([^>]*)>([^<]*)</Item>", items):
+    for attributes, text in re.findall(r"<Item\s([^<>]*)>([^<]*)</Item>", items):
         if f'role="{role}"' in attributes and ('sample="0"' in attributes or "sample=" not in attributes):
             try:
                 value = float(text)
