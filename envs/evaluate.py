@@ -35,7 +35,7 @@ from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
 from envs.mars_nav import MarsNavEnv
-from envs.recording.drive_page import drive_path, write_drive_pages
+from envs.recording.drive_page import DRIVES, drive_path, write_drive_pages
 from envs.recording.recorder import Recorder
 from envs.recording.results_page import BEST, FILMED, WORST, write_results_page
 from envs.world.perception import BeginsDrives, is_ours, load_perception, perception_digest
@@ -130,7 +130,8 @@ def write_results(
     }
     write_json(config.out / "results.json", content)
     write_report(config.out, content, records)
-    write_drive_pages(config.out)
+    for broken in write_drive_pages(config.out / DRIVES)[1]:
+        print(f"warning: {broken}", file=sys.stderr)
     write_results_page(config.out, content, records, [task.file for task in config.tasks])
     return content, records
 

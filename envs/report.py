@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from envs.recording.drive_page import DRIVES, drive_page
+from envs.recording.drive_page import DRIVES, drive_page, write_drive_pages
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.drive_file import DriveFile, read_drive
@@ -51,7 +51,7 @@ def report(config: ReportConfig) -> list[Path]:
     """Write the pages, and return their paths.
 
     Raises:
-        DatasetError: A drive is missing or broken, or a folder holds none.
+        DatasetError: A drive is missing or broken, or a folder holds none. The pages of all others are written first.
         ValueError: A folder is given beside something else, or two drives are of different courses.
     """
     first = config.drives[0]
@@ -66,12 +66,13 @@ def report(config: ReportConfig) -> list[Path]:
         return [out]
     if len(config.drives) == 2 or config.out is not None:
         raise ValueError(f"{first}: is a folder, whose pages lie beside its drives; give it alone, without --out")
-    files = sorted((first / DRIVES if (first / DRIVES).is_dir() else first).glob("*.zip"))
-    if not files:
+    pages, broken = write_drive_pages(first / DRIVES if (first / DRIVES).is_dir() else first, again=True)
+    if broken:
+        others = f" ({counted(len(broken), 'broken drive')}; {counted(len(pages), 'page')} written)"
+        raise DatasetError(f"{broken[0]}{others}")
+    if not pages:
         raise DatasetError(f"{first}: holds no recorded drives; envs.evaluate --record all records them")
-    for path in files:
-        write_atomically(path.with_suffix(".html"), drive_page([read_drive(path)]))
-    return [path.with_suffix(".html") for path in files]
+    return pages
 
 
 def _difference_of_courses(a: DriveFile, b: DriveFile) -> str | None:

@@ -306,6 +306,15 @@ def _record(recorder: DriveRecorder, frame: Frame, navigator: Navigator, command
 
 def _frames_of_dataset(config: ReplayConfig) -> list[Frame]:
     """Return the frames of a scene. Raises DatasetError if they are no drive."""
+    if not (config.data / "dataset.json").is_file():
+        files = sorted(config.data.glob("*.zip")) or sorted((config.data / "drives").glob("*.zip"))
+        if files:
+            raise DatasetError(f"{config.data}: holds recorded drives; name one, such as {files[0]}")
+        if config.data.is_dir():
+            raise DatasetError(
+                f"{config.data}: holds neither dataset.json, as a folder of marssim.generate does, nor recorded "
+                "drives; recordings of other rovers are replayed in Python, by nav.replay.replay"
+            )
     dataset = StereoDataset(config.data)
     frames = list(recorded(dataset, config.scene))
     if not frames:

@@ -111,21 +111,31 @@ def my_stereo(tmp_path, monkeypatch, guide_program) -> str:
     return "my_stereo:Blocks"
 
 
-@pytest.fixture
-def browser_3d() -> Iterator[Any]:
-    """Headless Chromium that draws in 3-D without a graphics card; skips where it is not installed."""
+@pytest.fixture(scope="session")
+def chromium() -> Callable[..., Any]:
+    """Return how to open headless Chromium with more arguments; skips where it is not installed."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     driver = shutil.which("chromedriver")
-    if chromium is None or driver is None:
+    if program is None or driver is None:
         pytest.skip("Chromium and its driver are not installed")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in (
-        "--headless=new", "--no-sandbox", "--window-size=900,600", "--use-gl=angle", "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-    ):  # fmt: skip
-        options.add_argument(argument)
-    window = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+
+    def opened(*arguments: str) -> Any:
+        options = webdriver.ChromeOptions()
+        options.binary_location = program
+        for argument in ("--headless=new", "--no-sandbox", "--no-first-run", *arguments):
+            options.add_argument(argument)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        return webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+
+    return opened
+
+
+@pytest.fixture
+def browser_3d(chromium: Callable[..., Any]) -> Iterator[Any]:
+    """Headless Chromium that draws in 3-D without a graphics card."""
+    window = chromium(
+        "--window-size=900,600", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"
+    )
     yield window
     window.quit()

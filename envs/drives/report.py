@@ -193,15 +193,16 @@ def ground_as_sky(records: Sequence[EpisodeRecord]) -> str:
 
 def differences(rows: Sequence[dict[str, Any]]) -> str:
     """Return lines with the differences of success and SPL on the same episodes."""
-    lines = []
-    for r in rows:
-        names = f"{r['driver']}, {r['perception']} less {', '.join(r['less'])}"
-        lines.append(
-            f"{in_table(names)}, paired, {r['episodes']} episodes: "
-            f"{100 * r['difference']:+.0f} points of success{bounds(r['interval'], 100, '+.0f')}, "
-            f"SPL {r['spl_difference']:+.2f}{bounds(r['spl_interval'], 1, '+.2f')}{_without(r)}\n"
-        )
-    return "".join(lines)
+    return "".join(f"{in_table(difference_in_words(row))}\n" for row in rows)
+
+
+def difference_in_words(row: Mapping[str, Any]) -> str:
+    """Return the differences of one method from the first, with their intervals."""
+    return (
+        f"{row['driver']}, {row['perception']} less {', '.join(row['less'])}, paired, {row['episodes']} episodes: "
+        f"{100 * row['difference']:+.0f} points of success{bounds(row['interval'], 100, '+.0f')}, "
+        f"SPL {row['spl_difference']:+.2f}{bounds(row['spl_interval'], 1, '+.2f')}{_without(row)}"
+    )
 
 
 def in_table(name: str) -> str:

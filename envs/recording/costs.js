@@ -15,7 +15,7 @@ function motionName(candidates, n) {
   return Math.abs(curvature) < 0.05 ? "straight on" : `arc ${side(curvature)}, ${(1 / Math.abs(curvature)).toFixed(1)} m`;
 }
 
-// A panel with the table: update(step) fills it; emphasise(n) is called with the candidate under the mouse, or null.
+// A panel with the table: update(step) fills it; emphasise(n) is called with the candidate under the mouse or in focus, or null.
 function costsPanel(emphasise) {
   const body = make("div", { class: "costs" });
   const panel = make("div", { class: "panel last" }, make("h2", {}, "why this motion: costs in metres of easy ground"), body);
@@ -41,7 +41,7 @@ function costsPanel(emphasise) {
       ...names.map((name) => make("th", { title: PARTS[name] }, name)), make("th", {}, "cost"), make("th", {}, "more than chosen"));
     const table = make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows.map((n) => row(candidates, n, first, names))));
     body.replaceChildren(table, make("p", { class: "note" },
-      `${shut}. Red: the part that speaks most against a motion. Point at a row to see it on the map.`));
+      `${shut}. Red: the part that speaks most against a motion. Point at a row, or move to it by the Tab key, to see it on the map.`));
   }
 
   function row(candidates, n, first, names) {
@@ -50,7 +50,10 @@ function costsPanel(emphasise) {
     const cells = names.map((name, k) => make("td", k === worst ? { class: "worse" } : {}, candidates.parts[name][n].toFixed(2)));
     const cost = candidates.cost[n], least = candidates.cost[first]; // null only in records that read_drive refuses
     const against = worst >= 0 && worse[worst] > 0 ? ` (${names[worst]} +${worse[worst].toFixed(2)})` : "";
-    return make("tr", { class: n === first ? "row chosen" : "row", onmouseenter: () => emphasise(n), onmouseleave: () => emphasise(null) },
+    const shown = () => emphasise(n), hidden = () => emphasise(null);
+    return make("tr", {
+      class: n === first ? "row chosen" : "row", tabindex: 0, onmouseenter: shown, onmouseleave: hidden, onfocus: shown, onblur: hidden,
+    },
       make("td", {}, motionName(candidates, n)), make("td", {}, `${candidates.free[n].toFixed(1)} m`), ...cells,
       make("td", {}, cost === null ? "-" : cost.toFixed(2)),
       make("td", {}, n === first ? "chosen" : least === null ? "-" : `+${(cost - least).toFixed(2)}${against}`));

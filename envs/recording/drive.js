@@ -52,7 +52,7 @@ function driveColumn(drive) {
   const eyes = ["left", "right"].map((side) => make("img", { alt: `${side} eye` }));
   const depth = layerFigure("depth", "depth", bar("depth", [37, 73, 122, 158, 180], ["1 m", "2", "5", "10", "15 m"]));
   const confidence = layerFigure("confidence", "confidence", bar("confidence", [0, 64, 128, 191, 255], ["0", "0.5", "1"]));
-  const error = layerFigure("error", "error of the depth", bar("error", [118, 123, 128, 133, 138], ["-10 % nearer", "0", "+10 % farther"]));
+  const error = layerFigure("error", "error of the depth", bar("error", [118, 123, 128, 133, 138], ["-10 % nearer", "0", "+10 % farther"]), depth);
   const scored = drive.pictures.error.some((uri) => uri);
   const map = mapPanel(drive);
   const costs = costsPanel(map.emphasise);
@@ -176,6 +176,7 @@ function show() {
   columns.forEach((column) => column.update(stepAt(column.drive, position)));
   columns.forEach((column) => drawStrip(column.strip, column.drive));
   byId("position").value = index;
+  byId("position").setAttribute("aria-valuetext", columns.map(({ drive }) => moment(drive, stepAt(drive, position))).join("; "));
   byId("now").textContent = by === "time" ? `${position.toFixed(0)} s` : `${position.toFixed(1)} m driven`;
   if (columns.length === 1) byId("now").textContent = moment(columns[0].drive, stepAt(columns[0].drive, position));
 }
@@ -259,9 +260,10 @@ document.querySelectorAll("input[name=sync]").forEach((choice) => choice.addEven
   goTo(coordinate(columns[0].drive, before));
 }));
 byId("other").addEventListener("change", async (event) => {
-  const text = await event.target.files[0].text();
-  const data = new DOMParser().parseFromString(text, "text/html").getElementById("data"), before = columns.length;
+  const [file] = event.target.files, before = columns.length;
+  if (!file) return; // the choice was cancelled
   try {
+    const data = new DOMParser().parseFromString(await file.text(), "text/html").getElementById("data");
     addDrive(JSON.parse(data.textContent).drives[0]);
     layOut();
     moveTo(Math.min(index, stops.length - 1));
@@ -271,6 +273,7 @@ byId("other").addEventListener("change", async (event) => {
     moveTo(Math.min(index, stops.length - 1));
     alert("This file is no page of a recorded drive.");
   }
+  event.target.value = ""; // so that the same file can be chosen again, once it is mended
 });
 
 DATA.drives.forEach(addDrive);

@@ -44,29 +44,30 @@ def drive_path(out: Path, episode_file: str) -> Path:
     return out / DRIVES / f"{Path(episode_file).stem}.zip"
 
 
-def write_drive_pages(out: Path) -> list[Path]:
-    """Write a page beside each recorded drive of an evaluation that has none yet, or an older one.
+def write_drive_pages(folder: Path, again: bool = False) -> tuple[list[Path], list[str]]:
+    """Write a page beside each recorded drive that has none yet, or an older one.
+
+    A page whose drive is broken is deleted.
 
     Args:
-        out: The folder of the evaluation.
+        folder: The folder of the drives.
+        again: Whether to write all pages.
 
     Returns:
-        The pages of all its recorded drives.
-
-    Raises:
-        DatasetError: The file of a drive is broken.
+        The pages of all drives that are whole, and a message on each broken one.
     """
-    pages = []
-    for path in sorted((out / DRIVES).glob("*.zip")):
+    pages, broken = [], []
+    for path in sorted(folder.glob("*.zip")):
         page = path.with_suffix(".html")
-        if not page.is_file() or page.stat().st_mtime < path.stat().st_mtime:
+        if again or not page.is_file() or page.stat().st_mtime < path.stat().st_mtime:
             try:
-                drive = read_drive(path)
+                write_atomically(page, drive_page([read_drive(path)]))
             except DatasetError as error:
-                raise DatasetError(f"{error}; delete the file, and the same command records the drive again") from None
-            write_atomically(page, drive_page([drive]))
+                page.unlink(missing_ok=True)
+                broken.append(f"{error}; delete the file, and envs.evaluate --record all records the drive again")
+                continue
         pages.append(page)
-    return pages
+    return pages, broken
 
 
 def drive_page(drives: Sequence[DriveFile]) -> bytes:

@@ -49,7 +49,7 @@ function costColour(extra) {
 
 // A panel with the map: update(n) draws step n, emphasise(candidate) lays one of its motions on top.
 function mapPanel(drive) {
-  const canvas = make("canvas", { "data-layer": "map" });
+  const canvas = make("canvas", { "data-layer": "map", role: "img", "aria-label": "map of the navigator" });
   const truth = make("input", { type: "checkbox", checked: "" });
   const whole = make("input", { type: "checkbox" });
   const note = make("span");

@@ -60,12 +60,17 @@ const READ = {
     return code === 255 ? "sky or beyond" : `${(near * (far / near) ** ((code - 1) / 253)).toFixed(1)} m`;
   },
   confidence: (code) => (code / 255).toFixed(2),
-  error: (code) => (code === 0 ? "not scored" : `${code < 128 ? "" : "+"}${(100 * Math.expm1((code - 128) / 100)).toFixed(0)} %`),
+  error(code) {
+    if (code === 0) return "not scored";
+    const percent = `${code < 128 ? "" : "+"}${(100 * Math.expm1((code - 128) / 100)).toFixed(0)} %`;
+    return code === 1 ? `${percent} or less` : code === 255 ? `${percent} or more` : percent;
+  },
 };
 
-// A figure with a layer of codes: update(uri, words) shows another one, and the mouse reads its values.
-function layerFigure(layer, title, scale) {
-  const canvas = make("canvas", { "data-layer": layer });
+// A figure with a layer of codes: update(uri) shows another one, and the mouse reads its values.
+// beside: the figure of another layer, whose reading follows in brackets.
+function layerFigure(layer, title, scale, beside = null) {
+  const canvas = make("canvas", { "data-layer": layer, role: "img", "aria-label": title });
   const reading = make("span");
   const caption = make("figcaption", {}, make("span", {}, title), reading);
   let shown = null;
@@ -74,12 +79,14 @@ function layerFigure(layer, title, scale) {
     if (!shown) return;
     const column = Math.floor((event.offsetX / canvas.clientWidth) * shown.width);
     const row = Math.floor((event.offsetY / canvas.clientHeight) * shown.height);
-    reading.textContent = READ[layer](shown.codes[Math.min(shown.codes.length - 1, row * shown.width + column)]);
+    const n = Math.min(shown.codes.length - 1, row * shown.width + column);
+    reading.textContent = beside ? `${readingAt(n)} (${beside.readingAt(n)})` : readingAt(n);
   });
   canvas.addEventListener("mouseleave", () => { reading.textContent = ""; });
   const figure = make("figure", {}, caption, canvas, scale);
+  const readingAt = (n) => (shown ? READ[layer](shown.codes[n]) : "");
   return {
-    figure,
+    figure, readingAt,
     update(uri) {
       wanted = uri;
       if (!uri) {

@@ -14,9 +14,10 @@ from envs.drivers.driver import Driver
 from envs.drives.episodes import Cause, EpisodeRecord, Watch
 from envs.mars_nav import STEP_SECONDS, MarsNavEnv
 from envs.recording.failure_cause import TrueDepthMap
-from envs.world.look_scores import in_range, look_abs_rel
+from envs.world.look_scores import look_abs_rel, scored_pixels
 from envs.world.perception import Sight
 from envs.world.referee import DRIVING
+from m3depth.evaluation.metrics import capped_depth
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.drive_file import (
     FULL_COST,
@@ -139,7 +140,7 @@ class Recorder:
         depth, truth = sight.depth[part], sight.true_depth
         layers = {"depth": depth_codes(depth), "confidence": np.round(sight.confidence[part] * 255).astype(np.uint8)}
         if truth is not None and truth is not sight.depth:
-            layers["error"] = error_codes(depth, truth[part], in_range(truth[part]))
+            layers["error"] = error_codes(capped_depth(depth), truth[part], scored_pixels(sight)[part])
         for layer, codes in layers.items():
             self._pictures[picture_name(layer, step)] = encode_png(codes, (cv2.IMWRITE_PNG_COMPRESSION, 9))
 

@@ -1,16 +1,16 @@
-"""The results of an evaluation as a page for the browser: the table, and every drive with its record one click away."""
+"""The results of an evaluation as a page for the browser: tables, failures by cause, and a link to each record."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS
-from envs.drives.metrics import best_and_worst, spl
-from envs.drives.report import settings
+from envs.drives.metrics import best_and_worst, count_failures, spl, summarise
+from envs.drives.report import UNKNOWN_CAUSE, difference_in_words, settings
 from envs.recording.drive_page import asset, drive_path
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.files.atomic import write_atomically
@@ -27,6 +27,7 @@ COLUMNS = {
     ),
     "SPL": lambda row: f"{row['spl']:.2f}",
     "collisions": lambda row: f"{100 * row['collision_rate']:.0f} %",
+    "near misses": lambda row: f"{100 * row['near_miss_rate']:.0f} %",
     "Abs Rel": lambda row: "-" if row["abs_rel"] is None else f"{row['abs_rel']:.4f}",
 }
 LEGEND = f"""\
@@ -37,8 +38,9 @@ a drop or steep ground. results.md has more columns, and the differences between
 FILMED = "videos.json"  # file in OUT with the record's file of each film
 BEST, WORST = "best.mp4", "worst.mp4"  # films in OUT
 HOW_TO_RECORD = {
-    "none": "No drive is recorded. The same command with --record failures, or --record all, records them.",
-    "failures": "No drive failed, so that none is recorded. The same command with --record all records them all.",
+    "none": "No drive is recorded. envs.evaluate with --record failures, or --record all, records drives; shards are "
+    "driven so before they are joined.",
+    "failures": "No drive failed, so that none is recorded. envs.evaluate with --record all records all drives.",
     "all": "",
 }
 
@@ -46,7 +48,7 @@ HOW_TO_RECORD = {
 def write_results_page(
     out: Path, content: Mapping[str, Any], records: Sequence[EpisodeRecord], episode_files: Sequence[str]
 ) -> None:
-    """Write results.html: the settings, a table for each cell, and a table of all drives.
+    """Write results.html: the settings, all drives together, failures by cause, and the tables of each cell.
 
     Args:
         out: The folder of the evaluation.
@@ -59,10 +61,11 @@ def write_results_page(
         for r, file in zip(records, episode_files, strict=True)
         if (page := drive_path(out, file).with_suffix(".html")).is_file()
     }
+    cells = list(dict.fromkeys(r.cell for r in records))
     sections = [
-        _section(cell, content, [r for r in records if r.cell == cell], pages)
-        for cell in dict.fromkeys(r.cell for r in records)
+        _section(cell, n, content, [r for r in records if r.cell == cell], pages) for n, cell in enumerate(cells)
     ]
+    title = escape(out.resolve().name)
     ends = _best_and_worst_files(records, episode_files)
     text = f"""<!doctype html>
 <html lang="en">
@@ -70,7 +73,7 @@ def write_results_page(
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<title>Results of {escape(out.name)}</title>
+<title>Results of {title}</title>
 <style>
 {asset("page.css")}
 {asset("results.css")}
@@ -78,8 +81,10 @@ def write_results_page(
 </head>
 <body>
 <main class="results">
-<h1>Results of {escape(out.name)}</h1>
+<h1>Results of {title}</h1>
 <p class="note">{escape(settings(content["driven_with"]).strip())}</p>
+{_together(cells, content, records)}
+{_failures(records, pages)}
 {"".join(sections)}
 <p class="note">{escape(LEGEND)}</p>
 <p>{_files(out, ends)} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
@@ -90,8 +95,79 @@ def write_results_page(
     write_atomically(out / RESULTS, text.encode())
 
 
+def _together(cells: Sequence[str], content: Mapping[str, Any], records: Sequence[EpisodeRecord]) -> str:
+    """Return what holds for all cells: the summary of each method, the differences between them, and links to the
+    cells; "" for one method in one cell."""
+    methods = list(dict.fromkeys((r.driver, r.perception) for r in records))
+    differences = "".join(f"<p>{escape(difference_in_words(row))}</p>" for row in content["differences"])
+    if len(cells) == 1:
+        return f'<section class="panel">{differences}</section>' if differences else ""
+    rows = []
+    for driver, perception in methods:
+        drives = [r for r in records if (r.driver, r.perception) == (driver, perception)]
+        rows.append({"driver": driver, "perception": perception, **summarise(drives)})
+    columns = {"success" if name.startswith("success") else name: show for name, show in COLUMNS.items()} | {
+        "success": lambda row: f"{100 * row['success_rate']:.0f} %"
+    }  # courses of one number resemble each other
+    links = ", ".join(f'<a href="#cell-{n}">{escape(cell)}</a>' for n, cell in enumerate(cells))
+    return f"""<section class="panel">
+<h2>all drives</h2>
+{_summary(columns, rows)}
+{differences}
+<p>{links}</p>
+</section>
+"""
+
+
+def _failures(records: Sequence[EpisodeRecord], pages: Mapping[tuple[str, str, str, int], Path]) -> str:
+    """Return the table of failures by outcome and cause, with links to their drives; "" if no drive failed."""
+    failed: dict[tuple[str, str, str | None], list[EpisodeRecord]] = {}
+    for r in records:
+        failed.setdefault((f"{r.driver}, {r.perception}", r.outcome, r.cause), []).append(r)
+    rows = "".join(
+        f"<tr><td>{escape(row['method'])}</td><td>{escape(row['outcome'].replace('_', ' '))}</td>"
+        f"<td>{escape(row['cause'] or UNKNOWN_CAUSE)}</td><td>{row['failures']}</td>"
+        f'<td class="where">{_courses(failed[row["method"], row["outcome"], row["cause"]], pages)}</td></tr>'
+        for row in count_failures((f"{r.driver}, {r.perception}", r.outcome, r.cause) for r in records)
+    )
+    if not rows:
+        return ""
+    return f"""<section class="panel">
+<h2>failures</h2>
+<table><thead><tr><th>method</th><th>outcome</th><th>cause</th><th>failures</th>
+<th class="where">courses</th></tr></thead>
+<tbody>{rows}</tbody></table>
+</section>
+"""
+
+
+def _courses(records: Sequence[EpisodeRecord], pages: Mapping[tuple[str, str, str, int], Path]) -> str:
+    """Return the courses of drives, each with a link to its page if it is recorded."""
+    links = []
+    for r in records:
+        name, page = (
+            escape(f"{r.cell.removeprefix('condition=')}: {r.episode}"),
+            pages.get((r.driver, r.perception, r.cell, r.episode)),
+        )
+        links.append(name if page is None else f'<a href="{_address(page)}">{name}</a>')
+    return ", ".join(links)
+
+
+def _summary(columns: Mapping[str, Callable[[Mapping[str, Any]], str]], rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table with a row for each method; columns: the text of a cell, by their heads."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(show(row))}</td>' for show in columns.values())}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _address(page: Path) -> str:
+    """Return the address of a drive's page on that of the results."""
+    return escape(f"{page.parent.name}/{page.name}")
+
+
 def _section(
     cell: str,
+    number: int,
     content: Mapping[str, Any],
     records: Sequence[EpisodeRecord],
     pages: Mapping[tuple[str, str, str, int], Path],
@@ -99,8 +175,6 @@ def _section(
     """Return the tables of one cell: the summary of each method, and every drive."""
     methods = list(dict.fromkeys((r.driver, r.perception) for r in records))
     rows = [row for row in content["results"] if _cell_name(row["cell"]) == cell]
-    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(show(row))}</td>' for show in COLUMNS.values())}</tr>" for row in rows)
     by_course: dict[int, dict[tuple[str, str], EpisodeRecord]] = {}
     for record in records:
         by_course.setdefault(record.episode, {})[record.driver, record.perception] = record
@@ -109,9 +183,9 @@ def _section(
         f"<tr><td>course {course}</td>{''.join(_drive(by_method.get(method), pages) for method in methods)}</tr>"
         for course, by_method in sorted(by_course.items())
     )
-    return f"""<section class="panel">
+    return f"""<section class="panel" id="cell-{number}">
 <h2>{escape(cell)}</h2>
-<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>
+{_summary(COLUMNS, rows)}
 <table class="drives"><thead><tr><th></th>{names}</tr></thead><tbody>{drives}</tbody></table>
 </section>
 """
@@ -130,14 +204,14 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     words = f"{record.path_length:.1f} m"
     if record.outcome == "goal":
         words = f"SPL {spl(True, record.shortest, record.path_length):.2f}, {words}"
-    elif record.near_miss:
+    if record.near_miss:
         words += ", near miss"
     if record.cause is not None:
         words += f", {escape(record.cause)}"
     page = pages.get((record.driver, record.perception, record.cell, record.episode))
     if page is None:
         return f"<td>{badge} {words}</td>"
-    return f'<td><a href="{page.parent.name}/{escape(page.name)}">{badge} {words}, inspect</a></td>'
+    return f'<td><a href="{_address(page)}">{badge} {words}, inspect</a></td>'
 
 
 def _best_and_worst_files(records: Sequence[EpisodeRecord], files: Sequence[str]) -> dict[str, str | None]:

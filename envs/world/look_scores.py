@@ -22,16 +22,27 @@ def in_range(depth: np.ndarray) -> np.ndarray:
     return (depth >= MIN_DEPTH) & (depth <= MAX_DEPTH)
 
 
+def scored_pixels(sight: Sight) -> np.ndarray:
+    """Return at which pixels (H, W) bool the depth of a look is scored: true depths of 0.5 m to 15 m, and disparities
+    of at most 192 px.
+
+    Raises:
+        ValueError: The true depth of the look is not known.
+    """
+    if sight.true_depth is None:
+        raise ValueError("the true depth of the look is not known")
+    return in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
+
+
 def look_abs_rel(sight: Sight) -> float | None:
-    """Return the mean |Z - Z*| / Z* of one look over the true depths of 0.5 m to 15 m and disparities of at most 192
-    px.
+    """Return the mean |Z - Z*| / Z* of one look over the scored_pixels.
 
     By the rules of m3depth.evaluation.metrics unknown depth counts as 80 m. It is None with the ground truth, and where
     nothing is in range.
     """
     if sight.true_depth is None or sight.true_depth is sight.depth:
         return None
-    scored = in_range(sight.true_depth) & (sight.rig.depth_to_disparity(sight.true_depth) <= MAX_DISPARITY)
+    scored = scored_pixels(sight)
     true = sight.true_depth[scored].astype(np.float64)
     return float(np.mean(np.abs(capped_depth(sight.depth[scored]) - true) / true)) if scored.any() else None
 

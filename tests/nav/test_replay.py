@@ -286,6 +286,18 @@ def test_a_recorded_look_without_depth_and_a_foreign_file_are_named(tmp_path, ca
         assert error.startswith(f"error: {tmp_path / name}: {fault}") and error.count("\n") == 1
 
 
+def test_a_folder_that_is_no_dataset_says_what_to_name(tmp_path, capsys):
+    (tmp_path / "drives").mkdir()
+    drive_of(tmp_path / "drives" / "a.zip", [drive_step()])
+    for name in (".", "drives"):
+        assert main([str(tmp_path / name)]) == 2
+        file = tmp_path / "drives" / "a.zip"
+        assert capsys.readouterr().err == f"error: {tmp_path / name}: holds recorded drives; name one, such as {file}\n"
+    (tmp_path / "left").mkdir()
+    assert main([str(tmp_path / "left")]) == 2
+    assert "other rovers are replayed in Python, by nav.replay.replay" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["believed_pose", "pose"])
 @pytest.mark.parametrize(
     ("entry", "fault"), [(7.0, "a rotation and a translation"), (None, "within 1e+06 m of the ori")]

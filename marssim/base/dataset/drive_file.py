@@ -100,10 +100,10 @@ def height_of(codes: np.ndarray) -> np.ndarray:
 
 
 def error_codes(depth: np.ndarray, truth: np.ndarray, scored: np.ndarray) -> np.ndarray:
-    """Return the error of depth as codes: 128 + 100 ln(depth / truth), from 1 to 255; 0 where there is none.
+    """Return the error of depth as codes: 128 + 100 ln(depth / truth), from 1 to 255; 0 where it is not scored.
 
     Args:
-        depth: (...) measured depth [m], NaN where unknown.
+        depth: (...) depth that is scored [m]; NaN, which is not scored, where unknown depth counts as none.
         truth: (...) true depth [m].
         scored: (...) bool, where the error counts.
 

@@ -13,13 +13,14 @@ from marssim.base.dataset.drive_file import read_drive
 
 
 class Flat:
-    """An estimator that sees level ground, 10 % too far, and no rocks."""
+    """An estimator that sees level ground, 10 % too far, and no rocks; nothing at the left margin."""
 
     def infer(self, left, right, rig):
         down = np.arange(rig.camera.height)[:, None] - rig.camera.cy + rig.camera.fy * np.tan(np.deg2rad(20))
         level = 1.2 * rig.camera.fy / np.maximum(down, 1) / np.cos(np.deg2rad(20))  # as the cameras stand and look
         depth = np.where(down > 10, 1.1 * level, np.inf)
         depth = np.broadcast_to(depth, left.shape[:2]).astype(np.float32)
+        depth[:, : left.shape[1] // 16] = np.nan
         return Prediction(depth, rig.depth_to_disparity(depth), None, np.ones_like(depth))
 
 

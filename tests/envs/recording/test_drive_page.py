@@ -3,17 +3,14 @@ import os
 import re
 import time
 from dataclasses import replace
-from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 from recorded_drives import candidates, content, drive_of, pose_rows, step
 
 from envs.recording.drive_page import drive_page, page_script, write_drive_pages
+from envs.report import main as report_command
 from marssim.base.dataset.drive_file import encode_drive, read_drive
 from marssim.base.files.json_file import DatasetError
-
-CHROMIUM, CHROMEDRIVER = Path("/usr/bin/chromium"), Path("/usr/bin/chromedriver")
 
 
 def data_of(page):
@@ -82,36 +79,38 @@ def test_pages_are_written_once_and_again_where_the_drive_is_newer(tmp_path, mon
     (tmp_path / "drives").mkdir()
     path = tmp_path / "drives" / "a.zip"
     drive_of(path, [step(), step(x=9.0)])
-    (page,) = write_drive_pages(tmp_path)
+    ((page,), _) = write_drive_pages(tmp_path / "drives")
     assert page == path.with_suffix(".html") and b"It reached the goal" in page.read_bytes()
     page.write_text("kept")
-    write_drive_pages(tmp_path)
+    write_drive_pages(tmp_path / "drives")
     assert page.read_text() == "kept"
     os.utime(path, (time.time() + 5, time.time() + 5))
-    write_drive_pages(tmp_path)
+    write_drive_pages(tmp_path / "drives")
     assert b"It reached the goal" in page.read_bytes()
-    path.write_bytes(b"half a drive")
-    os.utime(path, (time.time() + 9, time.time() + 9))
-    with pytest.raises(DatasetError, match=r"a\.zip: is not .*; delete the file, and the same command rec"):
-        write_drive_pages(tmp_path)
+
+
+def test_a_broken_drive_costs_only_its_own_page(tmp_path, capsys):
+    (tmp_path / "drives").mkdir()
+    first, second = (tmp_path / "drives" / f"{name}.zip" for name in "ab")
+    for path in (first, second):
+        drive_of(path, [step(), step(x=9.0)])
+    write_drive_pages(tmp_path / "drives")
+    first.write_bytes(b"half a drive")
+    os.utime(first, (time.time() + 9, time.time() + 9))
+    pages, (broken,) = write_drive_pages(tmp_path / "drives")
+    assert pages == [second.with_suffix(".html")] and not first.with_suffix(".html").exists()
+    assert re.search(r"a\.zip: is not .*; delete the file, and envs.evaluate --record all records the drive ag", broken)
+    second.with_suffix(".html").unlink()
+    assert report_command([str(tmp_path)]) == 2
+    assert second.with_suffix(".html").is_file() and not first.with_suffix(".html").exists()
+    assert capsys.readouterr().err.endswith(" records the drive again (1 broken drive; 1 page written)\n")
 
 
 @pytest.fixture(scope="module")
-def browser():
-    if find_spec("selenium") is None:
-        pytest.skip("selenium is not installed (extra `dev`)")
-    if not (CHROMIUM.is_file() and CHROMEDRIVER.is_file()):
-        pytest.skip(f"{CHROMIUM} and {CHROMEDRIVER} are not installed")
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    for flag in ("--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1400,1000", "--no-first-run"):
-        options.add_argument(flag)
-    options.binary_location = str(CHROMIUM)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(str(CHROMEDRIVER)))
-    yield driver
-    driver.quit()
+def browser(chromium):
+    window = chromium("--disable-gpu", "--window-size=1400,1000")
+    yield window
+    window.quit()
 
 
 def requests_of(browser):
@@ -227,6 +226,59 @@ def test_a_page_is_used_with_the_keyboard_alone_and_in_a_narrow_window(browser, 
         ActionChains(browser).send_keys(Keys.TAB).perform()
         focused.append(browser.execute_script("return document.activeElement.id"))
     assert {"back", "play", "on", "position", "other"} <= set(focused)
+
+
+def test_the_motions_of_the_table_are_shown_on_the_map_by_keyboard_too(browser, tmp_path):
+    motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 3, 10))
+    drive = drive_of(tmp_path / "a.zip", [step(candidates=motions, chosen=0), step(x=9.0)])
+    (tmp_path / "a.html").write_bytes(drive_page([drive]))
+    browser.get((tmp_path / "a.html").as_uri())
+    browser.execute_script("columns[0].map.emphasise(null)")  # so that all that the map needs is decoded
+    picture = "const c = document.querySelector('.map canvas'); return c.toDataURL()"
+    time.sleep(0.2)
+    before = browser.execute_script(picture)
+    browser.execute_script("document.querySelectorAll('tr.row')[1].focus()")
+    time.sleep(0.2)
+    assert browser.execute_script("return document.activeElement.className") == "row"
+    assert browser.execute_script(picture) != before
+    position = "return document.getElementById('position').getAttribute('aria-valuetext')"
+    assert browser.execute_script(position) == "step 0, 0 s, 0.0 m driven"
+    unnamed = "return [...document.querySelectorAll('figure canvas, .map canvas')].filter(c => !c.ariaLabel).length"
+    assert browser.execute_script(unnamed) == 0
+
+
+def test_the_time_line_scrolls_away_in_a_low_window(browser, tmp_path):
+    drive = drive_of(tmp_path / "a.zip", [step(), step(x=9.0)])
+    (tmp_path / "a.html").write_bytes(drive_page([drive]))
+    size = browser.get_window_size()
+    tops = []
+    for height in (1000, 400):
+        browser.set_window_size(900, height)
+        browser.get((tmp_path / "a.html").as_uri())
+        browser.execute_script("window.scrollTo(0, 300)")
+        tops.append(browser.execute_script("return document.getElementById('scrubber').getBoundingClientRect().top"))
+    browser.set_window_size(size["width"], size["height"])
+    assert tops[0] == 0 and tops[1] < -100
+
+
+def test_a_page_that_was_refused_can_be_chosen_again_once_it_is_mended(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+
+    drive = drive_of(tmp_path / "a.zip", [step(), step(x=9.0)])
+    page, other = tmp_path / "a.html", tmp_path / "b.html"
+    page.write_bytes(drive_page([drive]))
+    other.write_text("no page")
+    browser.get(page.as_uri())
+    browser.find_element(By.ID, "other").send_keys(str(other))
+    time.sleep(0.5)
+    browser.switch_to.alert.accept()
+    other.write_bytes(drive_page([drive]))
+    browser.find_element(By.ID, "other").send_keys(str(other))
+    time.sleep(0.5)
+    assert len(browser.find_elements(By.TAG_NAME, "article")) == 2
+    browser.execute_script("document.getElementById('other').dispatchEvent(new Event('change'))")  # it was cancelled
+    time.sleep(0.2)
+    assert browser.get_log("browser") == []
 
 
 def test_the_map_shows_where_the_odometry_takes_the_goal_to_be(browser, tmp_path):

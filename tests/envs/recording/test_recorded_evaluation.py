@@ -1,13 +1,20 @@
 import json
+import os
+import re
 import shutil
+import time
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
 import envs.evaluate
 from envs.drives.config import EvaluateConfig
+from envs.drives.episodes import Cell, EpisodeRecord
+from envs.drives.metrics import paired_difference, summarise
 from envs.evaluate import evaluate
+from envs.recording.results_page import write_results_page
 from envs.world.eyes import EyesConfig
 from marssim.base.dataset.drive_file import read_drive
 
@@ -54,6 +61,59 @@ def test_the_results_page_leads_to_the_page_of_every_drive(recorded):
     assert all((config.out / link).is_file() for link in page.links)
     assert "inspect" in page.text and "results.json" in page.links
     assert "No drive is recorded" not in page.text
+
+
+def records_page(recorded, out, *changes):
+    """The page of the evaluation if its drive had been driven several times, each with changes to its record."""
+    config, content = recorded
+    (file,) = (config.out / "episodes").iterdir()
+    record = EpisodeRecord(**json.loads(file.read_text()))
+    records = [replace(record, **change) for change in changes]
+    rows = []
+    for r in records:
+        cell = Cell(condition=r.cell.removeprefix("condition=")).content()
+        rows.append({"driver": r.driver, "perception": r.perception, "cell": cell, **summarise([r])})
+    difference = {"driver": "a", "perception": "b", "less": ["c", "d"], **paired_difference(records, records)}
+    content = {**content, "results": rows, "differences": [difference]}
+    write_results_page(out, content, records, [f"{n}.json" for n in range(len(records))])
+    return Links((out / "results.html").read_text(encoding="utf-8"))
+
+
+def test_near_misses_are_shown_of_drives_that_arrived_too(recorded, tmp_path):
+    page = records_page(recorded, tmp_path, {"cell": "condition=clear", "outcome": "goal", "near_miss": True})
+    assert re.search(r"goal SPL [\d.]+, [\d.]+ m, near miss", page.text) and "all drives" not in page.text
+
+
+def test_a_page_of_many_conditions_begins_with_all_drives_and_leads_to_the_failures(recorded, tmp_path):
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives" / "1.html").touch()
+    failure = {"outcome": "no_path", "cause": "detour"}
+    page = records_page(
+        recorded, tmp_path, {"cell": "condition=clear", "outcome": "goal"}, {"cell": "condition=storm", **failure},
+        {"cell": "condition=ditch", "episode": 7, **failure},
+    )  # fmt: skip
+    head, failures = page.text.index("all drives"), page.text.index("failures")
+    assert head < failures < page.text.index("course 0")
+    assert "straightground_truth333 %" in page.text  # three drives, a third of which arrived
+    assert "straight, ground_truthno pathdetour2storm: 0, ditch: 7" in page.text
+    assert "a, b less c, d, paired, 3 episodes: +0 points of success" in page.text
+    assert page.links[:4] == ["#cell-0", "#cell-1", "#cell-2", "drives/1.html"]
+
+
+def test_the_page_of_the_present_folder_has_its_name(recorded, tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path / "mine")
+    assert "Results of mine" in records_page(recorded, Path(), {}).text
+
+
+def test_a_broken_drive_is_a_warning_and_has_no_page(recorded, tmp_path, capsys):
+    config = replace(recorded[0], out=shutil.copytree(recorded[0].out, tmp_path / "out"))
+    (file,) = (config.out / "drives").glob("*.zip")
+    file.write_bytes(b"half a drive")
+    os.utime(file, (time.time() + 9, time.time() + 9))
+    evaluate(config)
+    assert f"warning: {file}: is not a whole zip archive" in capsys.readouterr().err
+    assert "inspect" not in Links((config.out / "results.html").read_text(encoding="utf-8")).text
 
 
 def test_finished_drives_without_a_record_are_driven_again_for_it(recorded, tmp_path, monkeypatch):

@@ -79,7 +79,11 @@ def test_a_collision_says_what_was_touched_and_how_wrong_the_depth_was(crash):
     assert np.mean(errors) == pytest.approx(record.abs_rel, abs=1e-4)
     codes = drive.codes("error", 0)
     assert np.median(codes[codes > 0]) == pytest.approx(128 + 100 * np.log(1.1), abs=2)  # level ground, 10 % too far
-    assert codes.max() > 150  # the rock, behind which the level ground lies
+    assert codes[:, 8:].max() > 150  # the rock, behind which the level ground lies
+    unknown = np.isnan(drive.depth(0))
+    assert unknown[:, :4].all() and not unknown[:, 8:].any()
+    near = codes[-30:]  # rows of ground within range
+    assert (near[:, :4] == 255).all() and (near[:, 8:] < 255).all()  # unknown depth counts as 80 m
     assert drive.steps[0]["action"] is not None and drive.steps[0]["status"] is None
     assert drive.steps[0]["map"] is None and drive.picture("map", 0) is None
 
