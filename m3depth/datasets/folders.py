@@ -116,7 +116,7 @@ def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConf
 
 
 def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
-    """Return the words of each line of a list; empty lines do not count.
+    """Return the words of each line of a list; empty lines, and those that begin with #, do not count.
 
     Args:
         file: The list.
@@ -133,7 +133,7 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
         raise DatasetError(f"{file}: is not a text file") from None
     rows = []
     for number, line in enumerate(lines, 1):
-        words = line.split()
+        words = [] if line.lstrip().startswith("#") else line.split()
         if words and len(words) not in counts:
             wanted = "left, right and disparity" if 2 not in counts else "left and right"
             raise DatasetError(f"{file}, line {number}: expected {wanted}, got {line.strip()!r}")

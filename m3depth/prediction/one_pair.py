@@ -171,12 +171,12 @@ def prepare(
     """
     height, width = left.shape[:2]
     rig = calibration.rig(width, height)
-    common = taken_out(calibration.shift, width)
-    moved = calibration.shift - common
     paths = (None, None) if files is None else files
     masks = [*options.mask, None, None][:2]
     masked = [read_valid(path, mask, (height, width)) for path, mask in zip(paths, masks)]
     left_valid, right_valid = map(_both, masked, valid)
+    common = taken_out(calibration.shift, left, right, (left_valid, right_valid))
+    moved = calibration.shift - common
     right = align_right(right, moved)
     rows = rows_of(left, right, rig)
     warnings = [] if rectified is None else list(rectified.warnings)

@@ -116,7 +116,7 @@ class ImagePair:
         except ValueError as error:
             raise DatasetError(str(error)) from None
         calibration = self.calibration(width, height)
-        common = taken_out(calibration.shift, width)
+        common = taken_out(calibration.shift, left, right, (left_valid, right_valid))
         moved = calibration.shift - common
         right = align_right(right, moved)
         right_valid = None if right_valid is None else moved_mask(right_valid, moved)

@@ -18,6 +18,9 @@ from marssim.base.camera import WIDEST_BASELINE
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
 MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
+OFF_MIDDLE = (
+    0.27  # share of the width and the height from the border within which no principal point is of images of this size
+)
 
 
 def make_calibration(
@@ -69,8 +72,22 @@ def make_calibration(
     if calibration.size is not None and calibration.size != (width, height):
         size = f"{calibration.size[0]} x {calibration.size[1]}"
         raise ValueError(f"{files[0] if files else image}: is for images of {size} px, {image} is {width} x {height}")
-    _check_sense(calibration, width, options, str(files[0] if files else image))
+    source = str(files[0] if files else image)
+    if calibration.size is None and (options.cx is None or options.cy is None):
+        _check_middle(calibration, (width, height), source, image)
+    _check_sense(calibration, width, options, source)
     return calibration
+
+
+def _check_middle(calibration: Calibration, size: tuple[int, int], source: str, image: Path) -> None:
+    """Raise ValueError if the principal point tells that a calibration without a size is for images of another one."""
+    place = [at / side for at, side in zip((calibration.cx, calibration.cy), size, strict=True)]
+    if all(x > 1 - OFF_MIDDLE for x in place) or all(x < OFF_MIDDLE for x in place):
+        raise ValueError(
+            f"{source}: the principal point ({calibration.cx:g}, {calibration.cy:g}) px lies near a corner of {image}, "
+            f"{size[0]} x {size[1]} px: it is for images of another size; if these are a part of them, give --cx and "
+            "--cy"
+        )
 
 
 def _check_sense(calibration: Calibration, width: int, options: PredictOptions, source: str) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.calibration.camera_info import MODELS, CameraInfo
+from marssim.base.calibration.camera_info import MODELS, CameraInfo, ImagePart
 from marssim.base.calibration.cameras import PosedCamera, nearest_rotation
 from marssim.base.calibration.opencv_file import lens_of
 
@@ -42,25 +42,17 @@ def _check_finite(message: Any) -> None:
             raise ValueError(f"{name} holds numbers that are not finite: the camera is not calibrated")
 
 
-def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[int, int]]:
-    """Return K (3, 3) or P (3, 4) of the region and the binning of the images, and their width and height [px].
-
-    A CameraInfo has those of the full resolution (REP 104). The outer edge of a binned pixel is that of its parts.
-    """
+def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[int, int] | None]:
+    """Return K (3, 3) or P (3, 4) of the region and the binning of the images, and their width and height [px]."""
     matrix = np.array(values, float).reshape(3, -1)
     if not np.isfinite(matrix).all() or not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise ValueError(f"{name} has no positive focal length: the camera is not calibrated")
-    roi, size = message.roi, (int(message.width), int(message.height))
-    if roi.width and roi.height:
-        matrix[0, 2] -= roi.x_offset
-        matrix[1, 2] -= roi.y_offset
-        size = int(roi.width), int(roi.height)
-    binning = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
-    for row, by in enumerate(binning):
-        matrix[row, 2] += 0.5
-        matrix[row] /= by
-        matrix[row, 2] -= 0.5
-    return matrix, (size[0] // binning[0], size[1] // binning[1])
+    roi = message.roi
+    part = ImagePart(
+        int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height), int(message.binning_x),
+        int(message.binning_y),
+    )  # fmt: skip
+    return part.of(matrix, (int(message.width), int(message.height)))
 
 
 def shows_raw_images(message: Any) -> bool:

@@ -48,6 +48,43 @@ class CameraInfo:
     size: tuple[int, int] | None
 
 
+@dataclass(frozen=True)
+class ImagePart:
+    """What the images of a CameraInfo are of the full resolution: its roi and its binning; 0 is all, and none.
+
+    Attributes:
+        x_offset, y_offset: First column and row of the region [px].
+        width, height: Of the region [px].
+        binning_x, binning_y: Pixels of the full resolution for each of the image.
+    """
+
+    x_offset: int = 0
+    y_offset: int = 0
+    width: int = 0
+    height: int = 0
+    binning_x: int = 0
+    binning_y: int = 0
+
+    def of(self, matrix: np.ndarray, size: tuple[int, int] | None) -> tuple[np.ndarray, tuple[int, int] | None]:
+        """Return K (3, 3) or P (3, 4) of the images, and their width and height [px].
+
+        Args:
+            matrix: K or P of the full resolution, which a CameraInfo has (REP 104).
+            size: The width and the height of it [px]; None if unknown.
+        """
+        matrix = matrix.copy()
+        if self.width and self.height:
+            matrix[0, 2] -= self.x_offset
+            matrix[1, 2] -= self.y_offset
+            size = self.width, self.height
+        binning = max(self.binning_x, 1), max(self.binning_y, 1)
+        for row, by in enumerate(binning):  # the outer edge of a binned pixel is that of its parts
+            matrix[row, 2] += 0.5
+            matrix[row] /= by
+            matrix[row, 2] -= 0.5
+        return matrix, None if size is None else (size[0] // binning[0], size[1] // binning[1])
+
+
 def is_camera_info(text: str) -> bool:
     """Tell whether a text looks like a CameraInfo."""
     return (
@@ -57,7 +94,7 @@ def is_camera_info(text: str) -> bool:
 
 
 def parse_camera_info(text: str) -> CameraInfo:
-    """Read what a CameraInfo says about the rectified images.
+    """Read what a CameraInfo says about the rectified images, of the region and the binning that they have.
 
     Raises:
         ValueError: Something is missing or malformed; the message says what.
@@ -67,7 +104,7 @@ def parse_camera_info(text: str) -> CameraInfo:
     projection = _matrix(text, _PROJECTION, "projection_matrix", (3, 4))
     if not projection[0, 0] > 0:
         raise ValueError("projection_matrix has no positive focal length: the camera is not calibrated")
-    return CameraInfo(projection, _size(text))
+    return CameraInfo(*_image_part(text).of(projection, _size(text)))
 
 
 def parse_raw_camera(text: str) -> PosedCamera:
@@ -77,7 +114,7 @@ def parse_raw_camera(text: str) -> PosedCamera:
         ValueError: Something is missing or malformed; the message says what.
     """
     info = parse_camera_info(text)
-    k = _matrix(text, _CAMERA, "camera_matrix", (3, 3))
+    k = _image_part(text).of(_matrix(text, _CAMERA, "camera_matrix", (3, 3)), None)[0]
     name = re.search(r"^[ \t]*distortion_model[ \t]*:[ \t]*[\"']?(\w*)", text, re.MULTILINE)
     model = name[1] if name else ""
     if model and model not in MODELS:
@@ -141,6 +178,18 @@ def _items(match: re.Match[str]) -> list[str]:
     if match[1] is not None:
         return match[1].replace(",", " ").split()
     return re.findall(r"-[ \t]+(\S+)", match[2])
+
+
+def _image_part(text: str) -> ImagePart:
+    found = {
+        name: re.search(rf"^[ \t]*{name}[ \t]*:[ \t]*(\d+)", text, re.MULTILINE)
+        for name in ("x_offset", "y_offset", "binning_x", "binning_y")
+    }
+    values = {name: int(match[1]) for name, match in found.items() if match}
+    if (region := re.search(r"^[ \t]*roi[ \t]*:", text, re.MULTILINE)) is not None:
+        sides = _size(text[region.end() :])
+        values |= {} if sides is None else {"width": sides[0], "height": sides[1]}
+    return ImagePart(**values)
 
 
 def _size(text: str) -> tuple[int, int] | None:

@@ -21,7 +21,7 @@ import numpy as np
 from marssim.base.calibration import fields
 from marssim.base.calibration.bounded_text import parse_json, read_text
 from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
-from marssim.base.calibration.opencv_file import is_opencv, parse_opencv
+from marssim.base.calibration.opencv_file import SIDES, SIZES, is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
 
 ADVICE = "rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)"
@@ -277,12 +277,14 @@ def _middlebury_number(content: Mapping[str, str], name: str) -> float:
 
 def _from_opencv(text: str) -> Calibration:
     content = parse_opencv(text)
+    size = fields.size(content, SIZES, SIDES)
     if {"P1", "P2"} <= content.keys():
-        return _from_projections(*(fields.matrix(content, name, (3, 4)) for name in ("P1", "P2")))
+        matrices = (fields.matrix(content, name, (3, 4)) for name in ("P1", "P2"))
+        return replace(_from_projections(*matrices), size=size)
     if "Q" in content and (q := fields.matrix(content, "Q", (4, 4)))[3, 2] != 0:
         # Q holds -cx, -cy, f, -1 / Tx and (cx - cx') / Tx (OpenCV, stereoRectify).
         inverse, f = float(q[3, 2]), float(q[2, 3])
-        return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse)
+        return Calibration(f, f, -float(q[0, 3]), -float(q[1, 3]), 1 / inverse, float(q[3, 3]) / inverse, size)
     if is_opencv(content):
         raise ValueError(f"is a calibration of images that are not rectified; {ADVICE}")
     raise ValueError(f"holds neither P1 and P2 nor Q of stereoRectify; {ADVICE}")

@@ -79,7 +79,7 @@ def test_a_list_names_pairs_from_its_folder(tmp_path):
         image(tmp_path / name)
     (tmp_path / "calib").mkdir()
     (tmp_path / "calib/2.txt").write_text("cam0=[40 0 15; 0 40 10; 0 0 1]\nbaseline=200\nwidth=30\nheight=20\n")
-    (tmp_path / "pairs.txt").write_text("a/1.png b/1.png\n\na/2.png b/2.png disparity/2.pfm\n")
+    (tmp_path / "pairs.txt").write_text("a/1.png b/1.png\n\n# the second\na/2.png b/2.png disparity/2.pfm\n")
     first, second = find(tmp_path / "pairs.txt").pairs
     assert (first.name, second.name, first.calibration) == ("a/1", "a/2", None)
     assert second.calibration(30, 20).baseline == 0.2

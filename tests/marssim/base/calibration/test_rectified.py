@@ -11,7 +11,7 @@ import pytest
 from marssim.base.calibration.camera_info import parse_raw_camera
 from marssim.base.calibration.read_pair import read_raw_calibration
 from marssim.base.calibration.rectified import Calibration, align_right, read_calibration
-from marssim.base.camera import NATECAM
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 
 KITTI = """\
 P0: 707.0493 0 604.0814 0 0 707.0493 180.5066 0 0 0 1 0
@@ -188,6 +188,29 @@ def test_camera_infos_of_ros(tmp_path):
         read_calibration(right, left)
     with pytest.raises(ValueError, match=r"calib\.txt: is not a CameraInfo of ROS"):
         read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY), right)
+
+
+def test_the_camera_info_of_binned_images_of_a_region_is_that_of_these_images(tmp_path):
+    full = StereoRig(PinholeCamera(640, 480, 480.5, 481.5, 310.25, 245.75), 0.12)
+    wanted = full.cropped(100, 50, 400, 300).resized(200, 150)
+    roi = "roi:\n  x_offset: 100\n  y_offset: 50\n  height: 300\n  width: 400\n  do_rectify: false\n"
+    text = ROS_2.replace("binning_x: 0\n", f"binning_x: 2\nbinning_y: 2\n{roi}")
+    found = read_calibration(write(tmp_path / "part.yaml", text))
+    assert found.size == (200, 150) and found.baseline == pytest.approx(0.12)
+    np.testing.assert_allclose(found.rig(200, 150).camera.K, wanted.camera.K, atol=1e-9)
+    whole = text.replace("400", "0").replace("300", "0").replace("binning_x: 2\nbinning_y: 2", "binning_x: 1")
+    assert read_calibration(write(tmp_path / "whole.yaml", whole)).size == (640, 480)
+
+
+@pytest.mark.parametrize("size", [{"image_width": 640, "image_height": 480}, {"imageSize": [640, 480]}, {}])
+@pytest.mark.parametrize("matrices", [("P1", "P2"), ("Q",)])
+def test_a_calibration_of_opencv_knows_the_size_of_its_images(tmp_path, size, matrices):
+    p1 = [[500, 0, 310, 0], [0, 500, 240, 0], [0, 0, 1, 0]]
+    p2 = [[500, 0, 310, -60], *p1[1:]]
+    q = [[1, 0, 0, -310], [0, 1, 0, -240], [0, 0, 0, 500], [0, 0, 1 / 0.12, 0]]
+    content = {name: matrix for name, matrix in (("P1", p1), ("P2", p2), ("Q", q)) if name in matrices}
+    parsed = read_calibration(write(tmp_path / "stereo.json", json.dumps({**content, **size})))
+    assert parsed.size == ((640, 480) if size else None) and parsed.baseline == pytest.approx(0.12)
 
 
 def test_camera_infos_with_other_principal_points_shift(tmp_path):
