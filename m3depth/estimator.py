@@ -311,6 +311,8 @@ def inferred(
 def checked_prediction(estimator: Estimator, result: object, size: tuple[int, int]) -> Prediction:
     """Return what `estimator.infer` returned, as float32, if it is a whole Prediction.
 
+    Without depth, a pixel has no disparity either, whatever was returned there.
+
     Args:
         estimator: The method, for the message.
         result: What its infer returned.
@@ -341,6 +343,8 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
     if len(outside):
         raise EstimatorError(f"{caller} returned a confidence of {outside[0]:g}: it must lie in [0, 1]")
     maps = {name: getattr(result, name) for name in ("depth", "disparity", "normal", "confidence")}
+    if (unknown := np.isnan(result.depth) & np.isfinite(result.disparity)).any():
+        maps["disparity"] = np.where(unknown, np.float32(np.nan), result.disparity)
     return replace(result, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})
 
 

@@ -29,6 +29,7 @@ import numpy as np
 from manifest_summary import Term, figure
 from method_records import (
     COLUMNS,
+    LARGE,
     POOLED,
     RATIOS,
     check_same_pairs,
@@ -181,6 +182,15 @@ def _of_image(name: str, record: Mapping[str, Any]) -> tuple[float, float]:
     return (0.0, 0.0) if value is None else (value, 1.0)
 
 
+def spread(of_set: Mapping[str, Any]) -> dict[str, float]:
+    """Return how Abs Rel is spread over the pairs of a set: the median, and the share of pairs that are LARGE or more.
+
+    Of a few pairs with very large errors, the mean says more than of all others.
+    """
+    errors = np.array([pair["abs_rel"] for pair in pairs_of(of_set)[0] if pair["abs_rel"] is not None])
+    return {"median": float(np.median(errors)), "large": float((errors >= LARGE).mean())}
+
+
 def intervals(of_set: Mapping[str, Any]) -> dict[str, Any]:
     """Return the errors by true depth over all pixels of a set, in the form of Scores.result() of m3depth.evaluate."""
     parts = [*of_set["places"].values()]
@@ -269,7 +279,7 @@ def _timed_pair() -> tuple[np.ndarray, np.ndarray]:
 
 
 def compared(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the page shows of the sets: "pairs", "scenes", and "metrics" and "intervals" by method.
+    """Return what the page shows of the sets: "pairs", "scenes", and "metrics", "spread" and "intervals" by method.
 
     Args:
         records: The methods, of the same pairs.
@@ -282,6 +292,7 @@ def compared(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any])
             "pairs": len(scenes),
             "scenes": len(set(scenes)),
             "metrics": {record["name"]: metrics(record["sets"][name], of_set) for record in records},
+            "spread": {record["name"]: spread(record["sets"][name]) for record in records},
             "intervals": {record["name"]: intervals(record["sets"][name]) for record in records},
         }
     return sets

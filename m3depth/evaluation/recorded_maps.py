@@ -37,7 +37,7 @@ import numpy as np
 
 from m3depth.datasets.image_files import decode_image
 from m3depth.prediction.files import RECORD
-from m3depth.stereo.filling import fill_background
+from m3depth.stereo.filling import filled_prediction
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.map_file import PNG_UNIT
@@ -182,18 +182,16 @@ class RecordedPredictions:
             disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
         else:
             disparity, depth = np.where(known, rig.depth_to_disparity(values), np.float32(np.nan)), values
-        certainty = np.ones(shape, np.float32)
-        if self.fill:
-            certainty = np.isfinite(disparity).astype(np.float32)
-            disparity = fill_background(disparity)
-            depth = np.where(np.isfinite(disparity), rig.disparity_to_depth(disparity), np.float32(np.nan))
         normal, confidence = (self._beside(path, what) for what in ("normal", "confidence"))
-        return Prediction(
+        prediction = Prediction(
             depth,
             disparity,
             None if normal is None else read_recorded_map(normal, (*shape, 3)).astype(np.float32),
-            certainty if confidence is None else read_recorded_map(confidence, shape).astype(np.float32),
+            np.ones(shape, np.float32)
+            if confidence is None
+            else read_recorded_map(confidence, shape).astype(np.float32),
         )
+        return filled_prediction(prediction, rig) if self.fill else prediction
 
     def _first(self, names: Sequence[str]) -> Path | None:
         """Return the first file of these names that exists."""

@@ -107,6 +107,11 @@ class M3Depth(StereoNetwork):
         return cls.restored(network, tensors, source)
 
     @property
+    def size_multiple(self) -> int:
+        """Images are padded to heights and widths that are multiples of this [px]."""
+        return self.config.size_multiple
+
+    @property
     def reach(self) -> float:
         """Disparity at which the hypotheses end [px]."""
         return VOLUME_STEP * self.config.hypotheses

@@ -49,6 +49,11 @@ class StereoNetwork(nn.Module):
         raise NotImplementedError
 
     @property
+    def size_multiple(self) -> int:
+        """Images are padded to heights and widths that are multiples of this [px]."""
+        raise NotImplementedError
+
+    @property
     def takes_truth(self) -> bool:
         """Whether forward takes the true disparity too, (B, 1, H, W) [px]: such a network needs pairs with truth."""
         return False

@@ -32,6 +32,11 @@ class Rival(StereoNetwork):
         return MAX_DISPARITY
 
     @property
+    def size_multiple(self) -> int:
+        """Images are padded to heights and widths that are multiples of this [px]."""
+        return self.MULTIPLE
+
+    @property
     def call(self) -> Caller:
         """How parts are called that activation checkpointing computes twice."""
         return recomputed if self.recompute and torch.is_grad_enabled() else direct

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
@@ -13,19 +14,26 @@ from marssim.base.camera import StereoRig
 def filled_prediction(prediction: Prediction, rig: StereoRig) -> Prediction:
     """Fill the disparity and the depth of a prediction where they are unknown; confidence is 0 there.
 
+    Normals that are unknown there become those of planes that are fitted to the filled disparity.
+
     Args:
-        prediction: The maps; the sky, whose disparity is 0, is known.
+        prediction: The maps. Infinite depth is sky, which is known, whatever its disparity; any other pixel is unknown
+            without a finite depth and a disparity above 0.
         rig: The cameras of the pair.
     """
-    unknown = ~np.isfinite(prediction.disparity)
+    sky = np.isposinf(prediction.depth)
+    unknown = ~sky & ~(np.isfinite(prediction.depth) & np.isfinite(prediction.disparity) & (prediction.disparity > 0))
     if not unknown.any():
         return prediction
-    disparity = fill_background(prediction.disparity)
-    found = unknown & np.isfinite(disparity)
-    depth = np.where(found, rig.disparity_to_depth(disparity), prediction.depth)
-    confidence = np.where(unknown, 0, prediction.confidence)
+    known = np.where(sky, 0, np.where(unknown, np.nan, prediction.disparity)).astype(prediction.disparity.dtype)
+    disparity = fill_background(known)
+    depth = np.where(unknown & np.isfinite(disparity), rig.disparity_to_depth(disparity), prediction.depth)
+    confidence = np.where(unknown, 0, prediction.confidence).astype(np.float32)
+    normal = prediction.normal
+    if normal is not None and (bare := unknown & ~np.isfinite(normal).all(axis=-1)).any():
+        normal = np.where(bare[..., None], fitted_normals(disparity, rig.camera), normal)
     return replace(
-        prediction, disparity=disparity, depth=depth.astype(np.float32), confidence=confidence.astype(np.float32)
+        prediction, disparity=disparity, depth=depth.astype(np.float32), confidence=confidence, normal=normal
     )
 
 

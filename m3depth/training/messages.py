@@ -32,6 +32,14 @@ def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
     size = sum(p.numel() for p in run.model.parameters())
     start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
     lines = [f"{counted(samples, 'sample')}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
+    height, width = run.config.crop
+    multiple = run.model.size_multiple
+    if height % multiple or width % multiple:
+        rows, columns = (-(-side // multiple) * multiple for side in (height, width))
+        lines.append(
+            f"warning: --crop {height} {width}: the network pads these crops to {rows} x {columns} px and learns to "
+            f"expect that at their border; give multiples of {multiple}"
+        )
     if run.changed:
         lines.append(f"goes on with other settings: {', '.join(run.changed)}")
     if run.config.validate_samples and not held_out:

@@ -149,6 +149,7 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert clean["metrics"]["SGBM"]["normal_mean"]["ratio"] == pytest.approx(0.08 / 0.03)  # of the fitted planes
     assert clean["metrics"]["mine"]["visible_epe"]["value"] == pytest.approx(0.015)
     assert "ratio" not in clean["metrics"]["mine"]["rmse"]
+    assert clean["spread"]["mine"] == {"median": pytest.approx(0.03), "large": 0.0}
     third = clean["intervals"]["mine"]["intervals"][2]
     assert third["pixels"] == 400 and third["pooled"]["mae"] == pytest.approx((0.1 + 3 * 0.3) / 4)
     assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)
@@ -163,7 +164,7 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert page.index("| mine | 0.0300 |") < page.index("| SGBM | 0.0800")
     assert "| 2-3 m | 0.2500 | 0.5000 |" in page
     assert "Errors over those of mine on the same pairs" in page
-    assert "| SGBM | " + " | ".join(["2.667"] * 4) + " |" in page and page.count("| mine | 0.0300 |") == 3
+    assert "| SGBM | " + " | ".join(["2.667"] * 4) + " |" in page and page.count("| mine | 0.0300 |") == 4
     of_mine = ["0.0300", "0.0150", "0.0300"]
     millions = f"{mine['parameters'] / 1e6:.2f} M"
     summary, _ = page.split("Seconds and memory")

@@ -226,6 +226,13 @@ def test_a_wrong_prediction_is_named(checked, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_pixel_without_depth_has_no_disparity():
+    depth, disparity = np.array([[np.nan, np.inf, 3.0]]), np.array([[-1.0, 0.0, 9.0]])
+    checked = checked_prediction(NoEstimator(), Prediction(depth, disparity, None, np.ones((1, 3))), (1, 3))
+    np.testing.assert_array_equal(checked.disparity, np.array([[np.nan, 0, 9]], np.float32))
+    assert checked.disparity.dtype == np.float32 and disparity[0, 0] == -1
+
+
 class Writes:
     """Writes into the images, and fails for those of one grey level, as a method of a user may."""
 

@@ -26,7 +26,7 @@ from m3depth.training.log import records
 from m3depth.training.loop import Validator, backward, finer_losses, one_step, train
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import total_loss
-from m3depth.training.messages import summary
+from m3depth.training.messages import announce, summary
 from m3depth.training.packing import pack
 from m3depth.training.run import Run, learning_rate, saved_progress
 from m3depth.training.samples import JoinedPairs, PackedCache, make_batch
@@ -67,6 +67,16 @@ def config_for(out: Path, **changes) -> TrainConfig:
 def losses_of(out: Path) -> list[float]:
     records = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
     return [r["loss"] for r in records if r["kind"] == "train"]
+
+
+@pytest.mark.parametrize(("crop", "padded"), [((32, 64), None), ((40, 64), "48 x 64"), ((64, 72), "64 x 80")])
+def test_crops_that_the_network_pads_are_a_warning(tmp_path, capsys, crop, padded) -> None:
+    run = Run(config_for(tmp_path, crop=crop), torch.device("cpu"))
+    assert run.model.size_multiple == 16
+    announce(run, False, 3, 1)
+    error = capsys.readouterr().err
+    warning = f"warning: --crop {crop[0]} {crop[1]}: the network pads these crops to {padded} px and learns to"
+    assert (warning in error) == (padded is not None) and ("warning" in error) == (padded is not None)
 
 
 def test_training_lowers_the_errors_and_writes_what_it_says(plane_samples, tmp_path) -> None:

@@ -140,6 +140,9 @@ def test_unknown_pixels_are_filled_from_the_background_on_request(tmp_path):
     recorded = RecordedPredictions(tmp_path, fill=True).read(PAIR, NUMBER, RIG)
     assert (recorded.disparity[3, 4:7] == values[3, 3]).all() and (recorded.confidence == 0).sum() == 3
     assert recorded.depth == pytest.approx(RIG.fb / recorded.disparity)
+    put(tmp_path / "00003_05_confidence.npy", np.full(values.shape, 0.8, np.float32))
+    recorded = RecordedPredictions(tmp_path, fill=True).read(PAIR, NUMBER, RIG)
+    assert (recorded.confidence[3, 4:7] == 0).all() and (recorded.confidence == np.float32(0.8)).sum() == H * W - 3
 
 
 @pytest.mark.parametrize(

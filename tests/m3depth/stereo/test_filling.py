@@ -59,6 +59,31 @@ def test_a_prediction_is_filled_where_it_is_unknown_and_nowhere_else() -> None:
     assert whole is filled
 
 
+@pytest.mark.parametrize("unknown", [NAN, -1.0, 0.0])  # -1 and 0 as OpenCV's matchers have it
+def test_unknown_depth_is_filled_whatever_disparity_stands_there(unknown) -> None:
+    sparse = sparse_prediction()
+    sparse.disparity[0, 2:] = unknown
+    sparse.disparity[0, 0] = unknown  # of the sky, which is known by its depth
+    filled = filled_prediction(sparse, RIG)
+    assert filled.disparity.tolist() == [[0, 9, 9, 9]]
+    np.testing.assert_allclose(filled.depth, [[np.inf, 3, 3, 3]])
+
+
+def test_unknown_normals_of_filled_pixels_are_those_of_its_depth() -> None:
+    rig = StereoRig(PinholeCamera.centred(16, 12, 20.0), 0.27)
+    normal = np.array([0.2, -0.4, -0.9]) / np.linalg.norm([0.2, -0.4, -0.9])
+    depth = (-2.0 / (rig.camera.rays() @ normal)).astype(np.float32)
+    normals = np.broadcast_to(normal, (12, 16, 3)).astype(np.float32)
+    sparse = Prediction(depth.copy(), rig.depth_to_disparity(depth), normals.copy(), np.ones_like(depth))
+    for values in (sparse.depth, sparse.disparity, sparse.normal):
+        values[3:9, 8] = NAN
+    sparse.normal[10, 3] = NAN  # where there was depth
+    filled = filled_prediction(sparse, rig)
+    assert np.isfinite(filled.normal[3:9, 8]).all() and np.isnan(filled.normal[10, 3]).all()
+    assert np.rad2deg(np.arccos((filled.normal[3:9, 8] @ normal).min())) < 25
+    np.testing.assert_array_equal(np.delete(filled.normal, 8, axis=1), np.delete(sparse.normal, 8, axis=1))
+
+
 def test_a_filled_estimator_is_the_estimator_but_for_its_holes() -> None:
     class Sparse:
         normals_are_fitted = True
