@@ -18,7 +18,7 @@ from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
 from envs.suites.drawn_course import draw_episode
 from envs.suites.draws import Condition, EpisodeDraws, EpisodeSettings, Number, Slip, stream_of_draws
-from envs.world.action import checked_action
+from envs.world.action import checked_action, warn_if_over
 from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, known_scene
 from envs.world.eyes import EyesConfig
 from envs.world.gaze import Gaze
@@ -123,7 +123,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |
     | `looked`             | with `look_every`: whether this step ended with a look                                |
-    | `redraws`            | number of courses that were rejected: no way led to their goal, or an end was steep   |
+    | `redraws`            | number of rejected courses: no way to the goal, or a steep end; 0 in a kept scene     |
     | `slip`               | with `slip`: share of the wheels' way in this step that the rover did not make        |
     | `sideways`           | with `slip`: how far the rover slid to its left in this step [m]                      |
     | `sinkage`            | with `slip`: mean depth of the wheels in the soil in this step [m]                    |
@@ -137,9 +137,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     with `infer(left, right, rig)`, or a classical window: "ssd", "sad", "ncc", each also with "-sgm". Estimators see
     images of 512 x 512 pixels. The ground truth has 128 x 128 rays over the same view and needs no images.
 
-    `dynamics`: "physics" (PyBullet's rigid bodies) or "kinematic" (settling without dynamics, faster). The default is
-    "physics"; where PyBullet is not installed, it is "kinematic", with a warning. `renderer`: "embree" (default),
-    "scan" or "pybullet".
+    `dynamics`: "physics" (PyBullet's rigid bodies) or "kinematic" (settling alone, faster). The default is "physics",
+    and "kinematic", with a warning, without PyBullet. `renderer`: "embree" (default), "scan" or "pybullet".
 
     `scene`: the name of a preset, "utopia" by default; the path of a JSON file of a place (marssim.scene.place_file);
     or a SceneConfig. The course determines its size and cell: `goal_distance` + 14 m wide, on a grid of 0.1 m.
@@ -157,17 +156,17 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     which is OpenVINO if it is installed and there is no GPU. Their disparities differ by some thousandths of a pixel.
 
     `drift`, `yaw_drift_deg`: standard deviations of the odometry's errors in position along each axis [m] and heading
-    [deg] after 1 m; they grow with the root of the way. `goal` and `map` follow them; reward and episode end are true.
+    [deg] after 1 m; they grow with the root of the way. `goal`, `map` and, with `slip`, the speed in `state` are those
+    of the odometry; reward and episode end are true.
 
     `slip`: None (default) for wheels that do not slip; "scene" for wheels that slip and sink in the sand, crust and
     bedrock that the scene shows; "sand", "crust" or "bedrock" for one of them everywhere; or an
     envs.world.slip.SlipConfig, which also says how much of the slip the odometry measures. A name alone measures none.
     Of a tuple of these, each scene draws one.
 
-    `eyes`: an envs.world.eyes.EyesConfig: pixels of the images and of the true depth, dust on the lenses, sunlight that
-    they scatter, temperature of the rig, compression, and `look_every`, the way after which the rover looks again. With
-    it, the rover also looks after each step without speed and yaw rate. Between two looks `depth` is 0, and `map` shows
-    what is known.
+    `eyes`: an envs.world.eyes.EyesConfig: pixels of the images and of the true depth, dust and sunlight on the lenses,
+    temperature of the rig, compression, and `look_every`, the way after which the rover looks again. With it, the rover
+    also looks after each step without speed and yaw rate. Between two looks `depth` is 0; `map` shows what is known.
 
     `condition`: the name of a condition, such as "storm" (envs.suites.conditions.CONDITIONS), or a dict of such values.
     They replace those of the other arguments, and are the defaults of the options of `reset`. Of a tuple of conditions,
@@ -175,7 +174,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
     of obstacles within 2.5 m (envs.courses.kept_scene). A reset with a seed or with options makes a new scene. A kept
-    scene takes no more memory, and its reset a small part of the time.
+    scene takes no more memory, and its reset a small part of the time; with physics, a fifth.
 
     Options of `reset`, for one episode:
 
@@ -199,7 +198,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
       in 0.1.0. Blocks of ledges of 0.30 m or more are obstacles like rocks.
     - Images and true depth show the smooth ground with relief down to the pebble. Under the wheels is the grid of
       0.1 m, without it. Before, both were the facets of this grid.
-    - A kinematic rover stops where it tilts by more than 30 deg.
+    - The rover stops where it tilts by more than 30 deg.
     - `slip`, `eyes`, `condition`, ranges and `episodes_per_scene` are off by default, where nothing changes.
     """
 
@@ -330,6 +329,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
+        warn_if_over(self.outcome)
         assert self.action_space.shape is not None
         action = checked_action(action, self.action_space.shape)
         speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate
@@ -387,9 +387,9 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
-        observation = observe(
-            self.gaze.observed(), self.believed_pose, self.course.goal, self.vehicle.state(), self.last_action[:2]
-        )
+        state, last = self.vehicle.state(), self.last_action[:2]
+        excess = float(self._gauge.excess @ [np.cos(state.yaw), np.sin(state.yaw)]) / STEP_SECONDS
+        observation = observe(self.gaze.observed(), self.believed_pose, self.course.goal, state, excess, last)
         if self.map_view is not None:
             observation["map"] = self.map_view.update(self.sight if self.gaze.fresh else None, self.believed_pose)
         return observation

@@ -58,4 +58,4 @@ def _is_clear(course: Course, place: np.ndarray) -> bool:
 def _between(course: Course, start: np.ndarray, goal: np.ndarray) -> Course:
     """Return the course from a start to a goal, both (2,) [m], in the same scene."""
     ground = course.ground.towards(goal)
-    return Course(course.scene, ground, np.array([*start, 0.0]), goal, ground.distance_to_goal(*start), course.redraws)
+    return Course(course.scene, ground, np.array([*start, 0.0]), goal, ground.distance_to_goal(*start), 0)

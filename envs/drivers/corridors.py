@@ -18,7 +18,7 @@ from gymnasium import spaces
 from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
 from envs.observation.map_view import CELL, PIXELS
-from envs.observation.spaces import share_of_distance
+from envs.observation.spaces import check_observations, share_of_distance
 from envs.world.action import ActionError
 from marssim.base.angle import wrapped
 from marssim.base.images.distance_transform import euclidean_distance
@@ -58,9 +58,7 @@ class Corridors(gymnasium.Wrapper):
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
-        assert isinstance(env.observation_space, spaces.Dict)
-        if "map" not in env.observation_space.spaces:
-            raise ValueError("Corridors needs an environment made with map_observation=True")
+        check_observations(env, "Corridors", with_map=True)
         self.observation_space = corridor_space()
         self.action_space = spaces.Discrete(WAYS)
         self._goal = np.array([0.0, 0.0, 1.0])

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.observation.spaces import share_of_distance
+from envs.observation.spaces import check_observations, share_of_distance
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 
 
@@ -27,6 +27,7 @@ class ImageObservation(gymnasium.ObservationWrapper):
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
+        check_observations(env, "ImageObservation", with_map=False)
         self.observation_space = image_space(env.observation_space)
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:

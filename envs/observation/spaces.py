@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 
@@ -11,6 +12,7 @@ from envs.world.eyes import DEPTH_PIXELS
 from marssim.base.camera import MAX_DEPTH
 from marssim.physics.state import RoverState
 
+SHOWN = 80  # characters of a space in a message
 HALFWAY = 5.0  # [m] from the goal at which share_of_distance is one half
 
 
@@ -31,8 +33,24 @@ def observation_space(with_map: bool) -> spaces.Dict:
     return space
 
 
+def check_observations(env: gymnasium.Env, wrapper: str, with_map: bool) -> None:
+    """Raise ValueError if a wrapper of MarsNav-v0 is put round something else, or round another one's observations.
+
+    Args:
+        env: What is wrapped.
+        wrapper: Its name, for the message.
+        with_map: Whether it needs the map.
+    """
+    choices = [observation_space(True)] if with_map else [observation_space(False), observation_space(True)]
+    if env.observation_space not in choices:
+        needed = " made with map_observation=True" if with_map else ""
+        raise ValueError(
+            f"{wrapper} needs the observations of MarsNav-v0{needed}, got {str(env.observation_space)[:SHOWN]}"
+        )
+
+
 def observe(
-    depth: np.ndarray, pose: np.ndarray, goal: np.ndarray, state: RoverState, last_action: np.ndarray
+    depth: np.ndarray, pose: np.ndarray, goal: np.ndarray, state: RoverState, excess: float, last_action: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the observation without its map.
 
@@ -41,11 +59,12 @@ def observe(
         pose: (4, 4) believed pose, body to world.
         goal: (2,) goal in the world [m].
         state: Attitude and motion of the rover.
+        excess: Speed that the odometry measures beyond the rover's own, as its wheels slip [m/s].
         last_action: (2,) the last action.
     """
     offset = goal - pose[:2, 3]
     bearing = np.arctan2(offset[1], offset[0]) - np.arctan2(pose[1, 0], pose[0, 0])
-    motion = [state.roll, state.pitch, state.velocity[0], state.yaw_rate, *last_action]
+    motion = [state.roll, state.pitch, state.velocity[0] + excess, state.yaw_rate, *last_action]
     return {
         "depth": nearest_depth(depth, DEPTH_PIXELS),
         "goal": np.array([np.hypot(*offset), np.sin(bearing), np.cos(bearing)], dtype=np.float32),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gymnasium
 import numpy as np
 
 NO_NUMBERS = "USMmc"  # kinds of NumPy's types that are cast to float though they are no real numbers
@@ -9,6 +10,12 @@ NO_NUMBERS = "USMmc"  # kinds of NumPy's types that are cast to float though the
 
 class ActionError(ValueError):
     """The environment got an action that it cannot carry out; the message says what was expected."""
+
+
+def warn_if_over(outcome: str) -> None:
+    """Warn of a step after the end of an episode, whose reward means nothing; outcome: "driving" before it."""
+    if outcome != "driving":
+        gymnasium.logger.warn(f"step was called after the episode ended ({outcome}): call reset first")
 
 
 def checked_action(action: object, shape: tuple[int, ...]) -> np.ndarray:

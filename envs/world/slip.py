@@ -47,6 +47,8 @@ class SlipGauge:
         self._config = config
         self._place = vehicle.state().position[:2].copy()
         self._last = Slippage()
+        self.excess = np.zeros(2)
+        """Way in the last drive that the odometry counts and the rover did not make, (2,) in the world frame [m]."""
         self._energy = self._seconds = 0.0
 
     def update(self, vehicle: Vehicle) -> np.ndarray:
@@ -66,7 +68,8 @@ class SlipGauge:
         self._place, self._last = place, slippage
         self._energy += slippage.energy
         self._seconds += slippage.seconds
-        return (1 - self._config.measured) * lost
+        self.excess = (1 - self._config.measured) * lost
+        return self.excess
 
     def info(self) -> dict[str, float]:
         """Return what MarsNavEnv's info says of the slip; nothing for wheels that do not slip."""

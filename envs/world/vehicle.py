@@ -110,6 +110,8 @@ class PhysicsVehicle:
         while seconds > 0 and not self.rover.contacts().collision:
             self.world.step(min(CHECK_EVERY, seconds))
             seconds -= CHECK_EVERY
+            if self.rover.state().tilt > self.spec.max_tilt:
+                break  # so that the episode ends, though the rover might stand level again after a whole step
 
     def state(self) -> RoverState:
         return self.rover.state()

@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+import warnings
 import weakref
 from dataclasses import replace
 
@@ -18,7 +19,7 @@ from hypothesis.extra.numpy import arrays
 
 from envs.courses.course import CourseConfig, NoWayError, draw_course
 from envs.drivers.image_observation import ImageObservation
-from envs.mars_nav import MarsNavEnv
+from envs.mars_nav import STEP_SECONDS, MarsNavEnv
 from envs.observation.nearest_depth import nearest_depth
 from envs.world.eyes import EyesConfig
 from envs.world.slip import SlipConfig
@@ -617,6 +618,29 @@ def test_resets_keep_no_memory(make_env):
     for _ in range(20):
         env.reset()
     assert resident_memory() - before < 20
+
+
+@pytest.mark.parametrize("measured", [0.0, 0.5, 1.0])
+def test_the_speed_that_is_seen_is_that_of_the_odometry(on_course, make_scene, make_course, measured):
+    course = make_course(make_scene(lambda x, y: np.tan(np.deg2rad(14)) * x))
+    env = on_course(course, slip=SlipConfig("sand", measured))
+    for _ in range(3):
+        before = env.believed_pose[:2, 3]
+        seen, *_, info = env.step(AHEAD)
+    counted = np.hypot(*(env.believed_pose[:2, 3] - before)) / STEP_SECONDS
+    assert info["slip"] > 0.2 and seen["state"][2] == pytest.approx(counted, abs=0.005)
+    true = env.vehicle.state().velocity[0]
+    assert (seen["state"][2] > true + 0.02) == (measured < 1)
+
+
+def test_a_step_after_the_end_warns(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(), start=(-0.5, 0.0, 0.0), goal=(1.0, 0.0)))
+    env.step(AHEAD)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert env.step(AHEAD)[2]
+    with pytest.warns(UserWarning, match=r"step was called after the episode ended \(goal\): call reset first"):
+        env.step(AHEAD)
 
 
 # ------------------------------------------------------------------------------------- rewards

@@ -28,7 +28,7 @@ def test_each_course_has_a_clear_start_and_goal_of_its_own(rocky):
     assert len({tuple(course.start) for course in made}) == len({tuple(course.goal) for course in made}) == 12
     for course in made:
         start, goal = course.start[:2], course.goal
-        assert course.scene is rocky.scene and np.hypot(*(goal - start)) == pytest.approx(5.0)
+        assert course.scene is rocky.scene and course.redraws == 0 and np.hypot(*(goal - start)) == pytest.approx(5.0)
         for place in (start, goal):
             assert np.hypot(*(place - ROCK[:2])) - 0.6 > 2.4 and np.abs(place).max() <= 6.0 + 1e-9
         off = course.start[2] - np.arctan2(*(goal - start)[::-1])

@@ -1,10 +1,13 @@
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils import env_checker
+from gymnasium.wrappers import FlattenObservation, OrderEnforcing
 from hypothesis import given
 from hypothesis import strategies as st
 
 from envs.drivers.corridors import AHEAD, HOLD_STEPS, REACH, WAYS, Corridors, as_corridors, look_along, steer
+from envs.drivers.image_observation import ImageObservation
 from envs.observation.map_view import CELL, PIXELS
 from envs.world.action import ActionError
 from marssim.base.rover_spec import ZHURONG
@@ -138,9 +141,13 @@ def test_it_ends_with_the_drive_and_not_later(make_env):
     assert info["outcome"] == "goal" and reward > 9 and seen in env.observation_space
 
 
-def test_it_needs_the_map(make_env):
-    with pytest.raises(ValueError, match="map_observation=True"):
-        Corridors(make_env())
+def test_it_needs_the_map_of_the_environment_itself(make_env):
+    needed = "^Corridors needs the observations of MarsNav-v0 made with map_observation=True, got "
+    mapped = make_env(map_observation=True)
+    for wrong in (make_env(), ImageObservation(mapped), FlattenObservation(mapped), gymnasium.make("CartPole-v1")):
+        with pytest.raises(ValueError, match=needed):
+            Corridors(wrong)
+    assert isinstance(Corridors(OrderEnforcing(mapped)), Corridors)
 
 
 @pytest.mark.filterwarnings("ignore:.*WARN")

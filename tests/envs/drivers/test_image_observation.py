@@ -1,4 +1,6 @@
+import gymnasium
 import numpy as np
+import pytest
 
 from envs.drivers.image_observation import ImageObservation, as_images
 
@@ -24,3 +26,9 @@ def test_ends_of_the_scales():
     np.testing.assert_array_equal(seen["depth"], [[[0, 0], [255, 255]]])
     np.testing.assert_allclose(seen["goal"], [0.5, 0.6, 0.8])
     assert observation["goal"][0] == 5.0  # the original is as it was
+
+
+def test_it_shows_the_environment_itself(make_env):
+    for wrong in (ImageObservation(make_env()), gymnasium.make("CartPole-v1")):
+        with pytest.raises(ValueError, match=r"^ImageObservation needs the observations of MarsNav-v0, got "):
+            ImageObservation(wrong)

@@ -12,13 +12,13 @@ def pose(x, y, yaw, roll=0.0, pitch=0.0):
 
 
 def test_the_goal_is_where_the_rover_believes_and_the_rest_is_what_it_measures():
-    """Odometry is off by (1, -1) m and 0.5 rad; attitude and speed are not."""
+    """Odometry is off by (1, -1) m and 0.5 rad; attitude is not, and the wheels turn by 0.05 m/s in vain."""
     true, believed = pose(3.0, 4.0, 0.2, 0.1, -0.05), pose(4.0, 3.0, 0.7, 0.1, -0.05)
     state = state_of(true, np.array([0.15, 0.01, 0.0]), 0.08)
     goal = np.array([4.0 + 2 * np.cos(1.0), 3.0 + 2 * np.sin(1.0)])
-    seen = observe(np.full((64, 64), 5.0), believed, goal, state, np.array([0.5, -0.25]))
+    seen = observe(np.full((64, 64), 5.0), believed, goal, state, 0.05, np.array([0.5, -0.25]))
     np.testing.assert_allclose(seen["goal"], [2.0, np.sin(0.3), np.cos(0.3)], atol=1e-6)
-    np.testing.assert_allclose(seen["state"], [0.1, -0.05, 0.15, 0.08, 0.5, -0.25], atol=1e-6)
+    np.testing.assert_allclose(seen["state"], [0.1, -0.05, 0.2, 0.08, 0.5, -0.25], atol=1e-6)
     assert (seen["depth"] == 5).all() and seen in observation_space(False)
 
 

@@ -75,6 +75,21 @@ def test_physics_goes_no_further_than_to_the_next_look_at_the_contacts(put_down)
     assert (len(seen) - seen.index(True)) * world.time_step <= CHECK_EVERY
 
 
+def test_physics_goes_no_further_than_to_the_next_look_at_the_tilt(make_scene):
+    """Over a short ridge, the tilt is more than 30 deg for a moment only, which a step of 2 s may drive past."""
+    slope = np.tan(np.deg2rad(38.0))
+    ridge = make_scene(lambda x, y: np.clip(np.minimum(slope * (x - 1.2), slope * (2.8 - x)), 0, None), 6.0, 0.1)
+    vehicle = make_vehicle("physics", ridge, ZHURONG, -0.2, 0.0, 0.0)
+    tilts = []
+    vehicle.world.watch(lambda: False, lambda: tilts.append(vehicle.state().tilt))
+    while not vehicle.contacts().collision and vehicle.state().tilt <= ZHURONG.max_tilt and len(tilts) < 5000:
+        vehicle.drive_twist(0.2, 0.0, 2.0)
+    beyond = np.array(tilts) > ZHURONG.max_tilt
+    assert vehicle.state().tilt > ZHURONG.max_tilt
+    assert beyond.sum() * vehicle.world.time_step <= CHECK_EVERY
+    vehicle.close()
+
+
 @pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
 def test_the_parts_of_a_vehicle_stand_where_it_stands(put_down, dynamics):
     vehicle = put_down(dynamics, 1.0, 2.0, 0.5)
