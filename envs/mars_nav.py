@@ -60,9 +60,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | 2   | pan of the mast for the next look (`mast=True`) | 90 deg right | 90 deg left |
 
     The mast turns at 30 deg/s while the rover drives, 60 deg in a step at most: a look to the side costs steps, and a
-    longer turn continues in the next step. `info["pan"]` holds the pan; the observation does not. Actions outside the
-    box are clipped. Curves that would turn a wheel beyond its stop become the nearest ones that do not
-    (`nav.controller.steerable`).
+    longer turn continues in the next step. Actions outside the box are clipped. Curves that would turn a wheel beyond
+    its stop become the nearest ones that do not (`nav.controller.steerable`).
 
     ## Observation space
 
@@ -74,6 +73,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `goal`  | (3,)     | distance; sine and cosine of the bearing from the heading, left > 0 | m; -1 to 1  |
     | `state` | (6,)     | roll, pitch; speed; yaw rate; last action (2)                | rad; m/s; rad/s; -1 to 1 |
     | `map`   | (3, 64, 64) | with `map_observation=True`: see below                          | -1 to 1     |
+    | `pan`   | (1,)     | with `mast=True`: pan of the mast / 90 deg, left > 0               | -1 to 1     |
 
     `map` shows 12.8 m around the rover, with its heading up, as `nav` has fused it from all looks. Channel 0: height
     above the rover / 2 m. Channel 1: cost of driving in [0, 1], 1 at an obstacle and where a metre costs 8 m more.
@@ -249,7 +249,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.drift, self.yaw_drift = float(drift), float(np.deg2rad(yaw_drift_deg))
         self.map_view = MapView(self.rover_spec) if map_observation else None
         self.action_space = spaces.Box(-1, 1, (3 if mast else 2,), np.float32)
-        self.observation_space: spaces.Dict = observation_space(map_observation)
+        self.observation_space: spaces.Dict = observation_space(map_observation, mast)
         self.settings: EpisodeSettings | None = None
         self.course: Course | None = None
         self.vehicle: Vehicle | None = None
@@ -388,8 +388,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     def _observation(self) -> dict[str, np.ndarray]:
         assert self.course is not None and self.vehicle is not None and self.sight is not None
         state, last = self.vehicle.state(), self.last_action[:2]
-        excess = float(self._gauge.excess @ [np.cos(state.yaw), np.sin(state.yaw)]) / STEP_SECONDS
-        observation = observe(self.gaze.observed(), self.believed_pose, self.course.goal, state, excess, last)
+        excess, pan = self._gauge.excess_speed(state.yaw, STEP_SECONDS), self.gaze.pan_share if self.mast else None
+        observation = observe(self.gaze.observed(), self.believed_pose, self.course.goal, state, excess, last, pan)
         if self.map_view is not None:
             observation["map"] = self.map_view.update(self.sight if self.gaze.fresh else None, self.believed_pose)
         return observation

@@ -23,6 +23,7 @@ class ImageObservation(gymnasium.ObservationWrapper):
     | `map`   | (3, 64, 64) | the map's channels: height (128 is the rover's), cost, known   |
     | `goal`  | (3,)        | distance / (distance + 5 m); sine and cosine of the bearing    |
     | `state` | (6,)        | as in MarsNav-v0                                               |
+    | `pan`   | (1,)        | as in MarsNav-v0                                               |
     """
 
     def __init__(self, env: gymnasium.Env) -> None:

@@ -56,12 +56,12 @@ class PolicyDriver:
         if self.corridors:
             policy = WayPolicy(corridor_space(), spaces.Discrete(WAYS), lambda _: 0.0)
         else:
-            space = image_space(env.observation_space).spaces
-            keys = {key: part for key, part in space.items() if key in self.images or len(part.shape or ()) == 1}
             sizes = tuple(self._weights["log_std"].shape)
             if sizes not in [(size,) for size in ACTION_SIZES]:
                 raise ValueError(f"{self.path}: an action must have 2 or 3 numbers, log_std has the shape {sizes}")
             actions = spaces.Box(-1, 1, sizes, np.float32)
+            named = {*self.images, "goal", "state"} | ({"pan"} if sizes == (3,) else set())
+            keys = {key: part for key, part in image_space(env.observation_space).items() if key in named}
             policy = MultiInputActorCriticPolicy(spaces.Dict(keys), actions, lambda _: 0.0)
             self._keys = list(keys)
         try:

@@ -16,8 +16,8 @@ SHOWN = 80  # characters of a space in a message
 HALFWAY = 5.0  # [m] from the goal at which share_of_distance is one half
 
 
-def observation_space(with_map: bool) -> spaces.Dict:
-    """Return the Dict space that MarsNavEnv documents; with_map: whether it has "map"."""
+def observation_space(with_map: bool, with_pan: bool) -> spaces.Dict:
+    """Return the Dict space that MarsNavEnv documents; with_map, with_pan: whether it has "map" and "pan"."""
     space = spaces.Dict(
         {
             "depth": spaces.Box(0, MAX_DEPTH, (DEPTH_PIXELS, DEPTH_PIXELS), np.float32),
@@ -30,6 +30,8 @@ def observation_space(with_map: bool) -> spaces.Dict:
     if with_map:
         low = np.broadcast_to(np.array([-1, 0, 0], np.float32)[:, None, None], (3, PIXELS, PIXELS))
         space["map"] = spaces.Box(low, np.ones(low.shape, np.float32), dtype=np.float32)
+    if with_pan:
+        space["pan"] = spaces.Box(-1, 1, (1,), np.float32)
     return space
 
 
@@ -41,7 +43,8 @@ def check_observations(env: gymnasium.Env, wrapper: str, with_map: bool) -> None
         wrapper: Its name, for the message.
         with_map: Whether it needs the map.
     """
-    choices = [observation_space(True)] if with_map else [observation_space(False), observation_space(True)]
+    maps = (True,) if with_map else (False, True)
+    choices = [observation_space(has_map, has_pan) for has_map in maps for has_pan in (False, True)]
     if env.observation_space not in choices:
         needed = " made with map_observation=True" if with_map else ""
         raise ValueError(
@@ -50,7 +53,13 @@ def check_observations(env: gymnasium.Env, wrapper: str, with_map: bool) -> None
 
 
 def observe(
-    depth: np.ndarray, pose: np.ndarray, goal: np.ndarray, state: RoverState, excess: float, last_action: np.ndarray
+    depth: np.ndarray,
+    pose: np.ndarray,
+    goal: np.ndarray,
+    state: RoverState,
+    excess: float,
+    last_action: np.ndarray,
+    pan: float | None,
 ) -> dict[str, np.ndarray]:
     """Return the observation without its map.
 
@@ -61,15 +70,17 @@ def observe(
         state: Attitude and motion of the rover.
         excess: Speed that the odometry measures beyond the rover's own, as its wheels slip [m/s].
         last_action: (2,) the last action.
+        pan: Pan of the mast as a share of the largest; None for a mast that is not moved.
     """
     offset = goal - pose[:2, 3]
     bearing = np.arctan2(offset[1], offset[0]) - np.arctan2(pose[1, 0], pose[0, 0])
     motion = [state.roll, state.pitch, state.velocity[0] + excess, state.yaw_rate, *last_action]
-    return {
+    observation = {
         "depth": nearest_depth(depth, DEPTH_PIXELS),
         "goal": np.array([np.hypot(*offset), np.sin(bearing), np.cos(bearing)], dtype=np.float32),
         "state": np.array(motion, dtype=np.float32),
     }
+    return observation if pan is None else observation | {"pan": np.array([pan], dtype=np.float32)}
 
 
 def share_of_distance(distance: float) -> float:

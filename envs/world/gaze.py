@@ -38,6 +38,11 @@ class Gaze:
         self.pan = 0.0
         self._look(state)
 
+    @property
+    def pan_share(self) -> float:
+        """Pan of the mast as a share of the largest, -1 to 1, positive to the left."""
+        return self.pan / self._mount.pan_limit
+
     def turn_mast(self, wanted: float, seconds: float) -> None:
         """Turn the mast towards an angle.
 

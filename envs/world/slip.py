@@ -47,8 +47,7 @@ class SlipGauge:
         self._config = config
         self._place = vehicle.state().position[:2].copy()
         self._last = Slippage()
-        self.excess = np.zeros(2)
-        """Way in the last drive that the odometry counts and the rover did not make, (2,) in the world frame [m]."""
+        self._excess = np.zeros(2)
         self._energy = self._seconds = 0.0
 
     def update(self, vehicle: Vehicle) -> np.ndarray:
@@ -68,8 +67,17 @@ class SlipGauge:
         self._place, self._last = place, slippage
         self._energy += slippage.energy
         self._seconds += slippage.seconds
-        self.excess = (1 - self._config.measured) * lost
-        return self.excess
+        self._excess = (1 - self._config.measured) * lost
+        return self._excess
+
+    def excess_speed(self, yaw: float, seconds: float) -> float:
+        """Return the speed ahead that the odometry counts and the rover did not have in the last drive [m/s].
+
+        Args:
+            yaw: Heading of the rover [rad].
+            seconds: Time of the drive [s].
+        """
+        return float(self._excess @ [np.cos(yaw), np.sin(yaw)]) / seconds
 
     def info(self) -> dict[str, float]:
         """Return what MarsNavEnv's info says of the slip; nothing for wheels that do not slip."""

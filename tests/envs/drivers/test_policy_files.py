@@ -47,6 +47,23 @@ def test_a_trained_policy_drives_as_it_does_in_its_own_library(make_env, tmp_pat
     assert not driver.corridors
 
 
+def test_a_policy_that_moves_the_mast_sees_where_it_looks(make_env, tmp_path):
+    sb3 = pytest.importorskip("stable_baselines3")
+    trained_in = ImageObservation(make_env(mast=True))
+    model = sb3.PPO("MultiInputPolicy", trained_in, n_steps=8, batch_size=8, device="cpu", seed=0)
+    model.save(tmp_path / "policy.zip")
+    driver, env = make_driver(str(tmp_path / "policy.zip")), make_env(map_observation=True, mast=True)
+    env.reset(seed=4)
+    driver.reset(env, 4)
+    observation = env.step(np.array([0.0, 0.0, 0.5], np.float32))[0]
+    assert observation["pan"] == pytest.approx([0.5]) and observation["pan"] in env.observation_space["pan"]
+    images = {key: trained_in.observation(observation)[key] for key in trained_in.observation_space.spaces}
+    action = driver.act(env, observation)
+    np.testing.assert_allclose(action, model.predict(images, deterministic=True)[0], atol=1e-6)
+    other = driver.act(env, {**observation, "pan": -observation["pan"]})
+    assert np.abs(action - other).max() > 1e-6
+
+
 def test_a_policy_of_corridors_drives_as_it_was_trained(make_env, tmp_path):
     sb3 = pytest.importorskip("stable_baselines3")
     from envs.drivers.way_policy import WayPolicy

@@ -16,16 +16,19 @@ def test_the_goal_is_where_the_rover_believes_and_the_rest_is_what_it_measures()
     true, believed = pose(3.0, 4.0, 0.2, 0.1, -0.05), pose(4.0, 3.0, 0.7, 0.1, -0.05)
     state = state_of(true, np.array([0.15, 0.01, 0.0]), 0.08)
     goal = np.array([4.0 + 2 * np.cos(1.0), 3.0 + 2 * np.sin(1.0)])
-    seen = observe(np.full((64, 64), 5.0), believed, goal, state, 0.05, np.array([0.5, -0.25]))
+    seen = observe(np.full((64, 64), 5.0), believed, goal, state, 0.05, np.array([0.5, -0.25]), None)
     np.testing.assert_allclose(seen["goal"], [2.0, np.sin(0.3), np.cos(0.3)], atol=1e-6)
     np.testing.assert_allclose(seen["state"], [0.1, -0.05, 0.2, 0.08, 0.5, -0.25], atol=1e-6)
-    assert (seen["depth"] == 5).all() and seen in observation_space(False)
+    assert (seen["depth"] == 5).all() and seen in observation_space(False, False)
 
 
+@pytest.mark.parametrize("with_pan", [False, True])
 @pytest.mark.parametrize("with_map", [False, True])
-def test_the_space_has_a_map_where_there_is_one(with_map):
-    space = observation_space(with_map)
-    assert set(space.spaces) == {"depth", "goal", "state"} | ({"map"} if with_map else set())
+def test_the_space_has_a_map_and_a_pan_where_there_are_any(with_map, with_pan):
+    space = observation_space(with_map, with_pan)
+    assert set(space.spaces) == {"depth", "goal", "state"} | ({"map"} if with_map else set()) | (
+        {"pan"} if with_pan else set()
+    )
     if with_map:
         low, high = space["map"].low, space["map"].high
         assert (low[0] == -1).all() and (low[1:] == 0).all() and (high == 1).all()
