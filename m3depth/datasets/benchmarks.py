@@ -14,7 +14,9 @@ ETH3D        two_view_training/<scene>/{im0.png,im1.png,calib.txt}, two_view_tra
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader, PairFiles
@@ -26,6 +28,9 @@ KITTI_FOLDERS = (  # left, right, disparity, disparity of pixels that both camer
     ("colored_0", "colored_1", "disp_occ", "disp_noc", "calib"),
     ("image_0", "image_1", "disp_occ", "disp_noc", "calib"),
 )
+SCENEFLOW_PARTS = ("FlyingThings3D", "Driving", "Monkaa")
+ROADS = ("scene_forwards", "scene_backwards")  # of Driving
+RECTIFICATION = re.compile("-(im)?perfect$")  # end of the names of Middlebury's two rectifications of a scene
 SCENEFLOW_FOCAL, SCENEFLOW_SHORT = 1050.0, 450.0  # focal lengths at 960 x 540 [px]
 SCENEFLOW_BASELINE = 0.2  # [m] that its baseline counts as
 MIDDLEBURY_FOLDERS = ("2014", "MiddEval3/trainingF", "MiddEval3/trainingH", "MiddEval3/trainingQ",
@@ -56,24 +61,28 @@ def kitti(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
 
 
 def sceneflow(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
-    """Yield the pairs of FlyingThings3D, Driving or Monkaa.
+    """Yield the pairs of FlyingThings3D, Driving or Monkaa, or of those of the three that lie in a folder.
 
-    `name` begins with TRAIN, TEST or VAL where the tree does.
+    `name` begins with TRAIN, TEST or VAL where the tree does. Beside FlyingThings3D, the others are training pairs.
+    Runs along one road of Driving, with another speed or focal length, are one scene.
 
     Args:
         root: Root folder of the dataset.
         rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
     """
-    if (root / "FlyingThings3D").is_dir():
-        root = root / "FlyingThings3D"
+    for part in (part for part in SCENEFLOW_PARTS if (root / part).is_dir()):
+        first = "" if part == SCENEFLOW_PARTS[0] or not (root / SCENEFLOW_PARTS[0]).is_dir() else f"TRAIN/{part}/"
+        for pair in sceneflow(root / part, rigs):
+            yield replace(pair, name=first + pair.name, group=first + pair.group)
     frames = next((f for f in ("frames_cleanpass", "frames_finalpass") if (root / f).is_dir()), "frames_cleanpass")
     for path in sorted(p for p in (root / frames).rglob("left/*") if p.suffix in (".png", ".webp")):
         inside = path.relative_to(root / frames)
         right = path.parent.with_name("right") / path.name
         occlusions = root / "disparity_occlusions" / inside.with_suffix(".png")
         scene = inside.parent.parent
+        road = next((part for part in scene.parts if part in ROADS), None)
         yield PairFiles(
-            (scene / inside.stem).as_posix(), scene.as_posix(), path, right,
+            (scene / inside.stem).as_posix(), road or scene.as_posix(), path, right,
             root / "disparity" / inside.with_suffix(".pfm"), "disparity",
             rigs(root / "calib" / scene / f"{inside.stem}.txt", path), zero_is_far=True,
             visible=occlusions if occlusions.is_file() else None, hidden=lambda mask: mask > 0,
@@ -130,7 +139,7 @@ def _scene(images: Path, truths: Path, rigs: CalibrationFinder) -> Iterator[Pair
         return
     mask = truths / "mask0nocc.png"
     yield PairFiles(
-        images.name, images.name, images / "im0.png", images / "im1.png", truth, "disparity",
+        images.name, RECTIFICATION.sub("", images.name), images / "im0.png", images / "im1.png", truth, "disparity",
         rigs(images / "calib.txt", images / "im0.png"), visible=mask if mask.is_file() else None,
         hidden=lambda mask: mask == OCCLUDED,
     )  # fmt: skip

@@ -15,6 +15,8 @@ from marssim.base.files.json_file import DatasetError
 def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield pairs found by patterns: two images and a map belong together where their * stand for the same text.
 
+    The pairs of a folder are one scene, which a split does not divide, if there are enough folders for all splits.
+
     Args:
         root: Root folder of the dataset.
         config: The patterns, and the unit of the maps.
@@ -30,10 +32,15 @@ def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Ite
     assert config.left is not None and config.right is not None and truth is not None
     kind: Kind = "disparity" if config.disparity else "depth"
     patterns = [config.left, config.right, truth] + ([config.normal] if config.normal else [])
-    for path, right, file, *normal in partners(root, patterns):
-        name = path.relative_to(root).with_suffix("").as_posix()
+    found = list(partners(root, patterns))
+    lefts = [path.relative_to(root) for path, *_ in found]
+    names = [left.with_suffix("").as_posix() for left in lefts]
+    scenes = _scenes([left.as_posix() for left in lefts])
+    if len(set(scenes)) < FEWEST_SCENES:
+        scenes = names
+    for name, scene, (path, right, file, *normal) in zip(names, scenes, found, strict=True):
         yield PairFiles(
-            name, name, path, right, file, kind, rigs(root / "calib.txt", path), unit=config.unit,
+            name, scene, path, right, file, kind, rigs(root / "calib.txt", path), unit=config.unit,
             normal=normal[0] if normal else None,
         )  # fmt: skip
 
@@ -58,6 +65,8 @@ def partners(
         for files, pattern in zip(others, patterns[1:], strict=True):
             if key not in files:
                 raise DatasetError(f"{path}: has no partner in {root / pattern}")
+            if files[key] == path:
+                raise DatasetError(f"{path}: {patterns[0]} and {pattern} both find this file")
         yield path, *(files[key] for files in others)
 
 
@@ -87,6 +96,7 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     return files
 
 
+FEWEST_SCENES = 10  # of which each split gets one or more
 CAMERAS = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders that are named after a camera
 
 
@@ -143,7 +153,7 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
 
 
 def _scenes(lefts: Sequence[str]) -> list[str]:
-    """Return the scene of each left image of a list.
+    """Return the scene of each left image of a list, or of a pattern.
 
     In marssim's names (00003_05) it is the number, else the folder above the images, skipping one named after a camera.
     Where that is the same for all, each pair is a scene of its own.

@@ -15,6 +15,9 @@ from marssim.base.files.npy import read_npy
 
 AXES = ("XYZ", "RGB")  # names of the three channels of an EXR file's layer
 FROM_OPENGL = np.array([1, -1, -1], np.float32)  # from x right, y up, z towards the camera
+FEWEST_FITTED = 0.05  # share of the pixels that need a fitted plane for the check against them
+MOST_ANGLE = 30.0  # [deg] median between true normals and planes that are fitted to the true depth; pebbles make 15
+NOT_UNIT = 0.05  # difference of a length from 1 that shows numbers which are not the components of unit vectors
 CODED_LENGTH = 0.5  # least length of a vector that pixels code; unknown ones are grey, (0, 0, 0), or black
 
 
@@ -36,6 +39,8 @@ def read_normals(path: Path, frame: NormalFrame) -> np.ndarray:
         ImportError: An EXR file without OpenEXR; the message names the extra.
     """
     stored = _vectors(path)
+    if stored.dtype.kind == "f":
+        _check_range(path, stored)
     if stored.dtype.kind == "u":
         vectors = stored.astype(np.float32) * np.float32(2 / np.iinfo(stored.dtype).max) - 1
         known = stored.any(-1) & (np.linalg.norm(vectors, axis=-1) > CODED_LENGTH)
@@ -48,15 +53,33 @@ def read_normals(path: Path, frame: NormalFrame) -> np.ndarray:
     return np.where(known[..., None], vectors / length, np.float32(0)).astype(np.float32)
 
 
-def check_facing(path: Path, normal: np.ndarray, frame: NormalFrame, camera: PinholeCamera) -> None:
-    """Raise DatasetError if most normals turn away from the camera: their axes are other ones.
+def check_frame(path: Path, normal: np.ndarray, frame: NormalFrame, camera: PinholeCamera, fitted: np.ndarray) -> None:
+    """Raise DatasetError if most normals turn away from the camera, or from the surface: their axes are other ones.
 
     Args:
         path: File of the normals, for the message.
         normal: (H, W, 3) in the camera's frame, 0 where unknown.
         frame: The axes by which the file was read, for the message.
         camera: The camera of the map.
+        fitted: (H, W, 3) normals of planes that are fitted to the true depth, 0 where there are none.
     """
+    both = normal.any(-1) & fitted.any(-1)
+    if np.count_nonzero(both) >= FEWEST_FITTED * both.size:
+        other: NormalFrame = "opencv" if frame == "opengl" else "opengl"
+        angle, other_angle = (
+            float(np.rad2deg(np.arccos(np.clip(np.median((n * fitted)[both].sum(-1)), -1, 1))))
+            for n in (normal, normal * FROM_OPENGL)
+        )
+        if angle > MOST_ANGLE:
+            advice = (
+                f"try --normal-frame {other}, which fits"
+                if other_angle <= MOST_ANGLE
+                else f"those of {other} do not fit either, so they may be axes of the world, or another coding"
+            )
+            raise DatasetError(
+                f"{path}: in the axes of {frame}, its normals are {angle:.0f} deg (median) off planes that are fitted "
+                f"to the true depth; {advice}"
+            )
     towards = (normal * camera.rays()).sum(-1)
     away, known = np.count_nonzero(towards > 0), np.count_nonzero(normal.any(-1))
     if 2 * away > known:
@@ -64,6 +87,19 @@ def check_facing(path: Path, normal: np.ndarray, frame: NormalFrame, camera: Pin
         raise DatasetError(
             f"{path}: {100 * away / known:.0f} % of its normals turn away from the camera in the axes of {frame}; try "
             f"--normal-frame {other}"
+        )
+
+
+def _check_range(path: Path, stored: np.ndarray) -> None:
+    """Raise DatasetError for floats in [0, 1] that are no unit vectors: (n + 1) / 2, which only images hold."""
+    known = np.isfinite(stored).all(-1) & stored.any(-1)
+    vectors = stored[known].astype(np.float64)
+    if not len(vectors) or vectors.min() < 0 or vectors.max() > 1:
+        return
+    if abs(np.median(np.linalg.norm(vectors, axis=-1)) - 1) > NOT_UNIT:
+        raise DatasetError(
+            f"{path}: holds numbers of 0 to 1 that are no unit vectors: files of floats hold the components of "
+            "normals, of -1 to 1, and only images (n + 1) / 2"
         )
 
 

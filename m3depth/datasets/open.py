@@ -30,7 +30,7 @@ from marssim.base.files.json_file import DatasetError, read_json
 SIGNS: tuple[tuple[Format, tuple[str, ...]], ...] = (  # files that identify a layout, in the root or a split's folder
     ("marssim", ("dataset.json",)),
     ("kitti", ("training/image_2/*_10.png", "training/colored_0/*_10.png", "training/image_0/*_10.png")),
-    ("sceneflow", ("FlyingThings3D", "frames_cleanpass", "frames_finalpass")),
+    ("sceneflow", ("FlyingThings3D", "frames_cleanpass", "frames_finalpass", "Driving/frames_*", "Monkaa/frames_*")),
     ("eth3d", ("two_view_training",)),
     ("middlebury", ("*/im0.png", "2014/*/im0.png", "training[FHQ]/*/im0.png", "MiddEval3/training[FHQ]/*/im0.png")),
     ("oaisys", ("batch_*/*/*_rgb_*.png", "*/batch_*/*/*_rgb_*.png")),
@@ -44,6 +44,7 @@ READERS: dict[Format, Callable[[Path, DataConfig, CalibrationFinder], Iterator[P
     "oaisys": oaisys,
     "folder": folder_pairs,
 }
+SPLIT_NAMES = {"training": "train", "validation": "val", "valid": "val", "testing": "test"}  # beside another split
 SPLIT_FOLDERS = ("kitti", "middlebury", "eth3d")  # layouts whose roots may lie in folders train, val and test
 
 
@@ -178,9 +179,23 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
 
 
 def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
-    """Return the split of each pair: the first part of its name (SceneFlow's TRAIN), else 7:2:1 by groups in order."""
-    named = [pair.name.split("/")[0].lower() for pair in pairs]
+    """Return the split of each pair: the first part of its name (SceneFlow's TRAIN), else 7:2:1 by groups in order.
+
+    Raises:
+        DatasetError: The first parts of only some names are those of splits.
+    """
+    first = [pair.name.split("/")[0].lower() for pair in pairs]
+    named = [SPLIT_NAMES.get(name, name) for name in first]
+    if len(set(named)) == 1:
+        named = first
     present = set(named)
+    if present & set(SPLITS) and not present <= set(SPLITS):
+        split = next(pair for pair, name in zip(pairs, named) if name in SPLITS)
+        other = next(pair for pair, name in zip(pairs, named) if name not in SPLITS)
+        raise DatasetError(
+            f"{split.left}: lies in a folder of a split, but {other.left} does not; name all folders train, val and "
+            "test, or none"
+        )
     if present <= set(SPLITS):
         if "val" in present or "train" not in present:
             return named

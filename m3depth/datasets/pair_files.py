@@ -12,7 +12,7 @@ import numpy as np
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.maps import Kind, read_map, read_mask
-from m3depth.datasets.normal_maps import check_facing, read_normals
+from m3depth.datasets.normal_maps import check_frame, read_normals
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.plane_normals import fitted_normals
 from marssim.base.calibration.rectified import Calibration, align_right
@@ -115,8 +115,9 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
     right = align_right(right, calibration.shift)
     normal = np.zeros((*depth.shape, 3), np.float32)
     if files.normal is not None:
+        disparity = rig.depth_to_disparity(depth)
         normal = _fitting(files.normal, read_normals(files.normal, config.normal_frame), left)
-        check_facing(files.normal, normal, config.normal_frame, rig.camera)
+        check_frame(files.normal, normal, config.normal_frame, rig.camera, unbroken_normals(disparity, rig))
     if config.resize < 1:
         left, right, depth, occluded, normal, rig = _reduced(left, right, depth, occluded, normal, rig, config.resize)
     disparity = rig.depth_to_disparity(depth)  # 0 where unknown
@@ -173,9 +174,21 @@ def _reduced(
     left: np.ndarray, right: np.ndarray, depth: np.ndarray, occluded: np.ndarray, normal: np.ndarray, rig: StereoRig,
     factor: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, StereoRig]:  # fmt: skip
-    """Reduce a pair. Depth and normals are those of the nearest pixel, never a mean over an edge."""
+    """Reduce a pair.
+
+    Disparity is interpolated on surfaces, at the same places as the images. Beside edges and unknown pixels, depth is
+    that of the nearest pixel, as normals are everywhere: never a mean over an edge.
+    """
     size = max(1, round(left.shape[1] * factor)), max(1, round(left.shape[0] * factor))
+    small = rig.resized(*size)
+
+    def nearest(values: np.ndarray) -> np.ndarray:
+        return cv2.resize(values, size, interpolation=cv2.INTER_NEAREST_EXACT)
+
+    disparity = rig.depth_to_disparity(depth)
+    broken = (disparity <= 0) | depth_edges(disparity, share=BREAK)
+    surface = cv2.dilate(broken.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
+    between = cv2.resize(disparity, size, interpolation=cv2.INTER_LINEAR) * np.float32(size[0] / left.shape[1])
+    depth = np.where(nearest(surface.astype(np.uint8)) > 0, small.disparity_to_depth(between), nearest(depth))
     left, right = (cv2.resize(eye, size, interpolation=cv2.INTER_AREA) for eye in (left, right))
-    depth, normal = (cv2.resize(x, size, interpolation=cv2.INTER_NEAREST_EXACT) for x in (depth, normal))
-    occluded = cv2.resize(occluded.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
-    return left, right, depth, occluded, normal, rig.resized(*size)
+    return left, right, depth.astype(np.float32), nearest(occluded.astype(np.uint8)) > 0, nearest(normal), small

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
-from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
+from m3depth.datasets.pair_files import CalibrationFinder
 from marssim.base.calibration.rectified import Calibration, read_calibration
 from marssim.base.camera import NATECAM, WIDEST_BASELINE
 from marssim.base.files.json_file import DatasetError
@@ -71,17 +71,30 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
     if (sensors := oaisys_rig(path, config)) is None:
         return lambda calib, left: FileRig(path, left, is_given=True)
     rig: Calibration = sensors
+    return lambda calib, left: SensorRig(path, left, rig)
 
-    def from_oaisys(left: Path) -> CalibrationReader:
-        def checked(width: int, height: int) -> Calibration:
-            if rig.size != (width, height):
-                expected = "images of another size" if rig.size is None else f"{rig.size[0]} x {rig.size[1]} px"
-                raise DatasetError(f"{path}: is for {expected}, {left} is {width} x {height}")
-            return rig
 
-        return checked
+@dataclass(frozen=True)
+class SensorRig:
+    """Gives the rig of the sensors of an OAISYS configuration, and checks it against the size of the images.
 
-    return lambda calib, left: from_oaisys(left)
+    Attributes:
+        file: The configuration.
+        left: The left image of the pair.
+        rig: What the configuration says.
+    """
+
+    file: Path
+    left: Path
+    rig: Calibration
+
+    def __call__(self, width: int, height: int) -> Calibration:
+        """Return the calibration of images of a size [px]. Raises DatasetError that names the file."""
+        size = self.rig.size
+        if size != (width, height):
+            expected = "images of another size" if size is None else f"{size[0]} x {size[1]} px"
+            raise DatasetError(f"{self.file}: is for {expected}, {self.left} is {width} x {height}")
+        return self.rig
 
 
 def natecam(width: int, height: int) -> Calibration:

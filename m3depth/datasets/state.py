@@ -9,7 +9,6 @@ from typing import Any
 
 from m3depth.datasets.open import PairList
 from m3depth.datasets.pair_files import PairFiles
-from m3depth.datasets.rigs import FileRig
 from m3depth.stereo.pairs import StereoPairs
 
 
@@ -30,7 +29,7 @@ def state_of_pairs(dataset: StereoPairs) -> Any:
 
 def _files_of(pair: PairFiles) -> Iterable[Path | None]:
     """Return the files that a pair is read from, its mask and calibration file among them; None where it has none."""
-    calibration = pair.calibration.file if isinstance(pair.calibration, FileRig) else None
+    calibration = getattr(pair.calibration, "file", None)
     return pair.left, pair.right, pair.truth, pair.normal, pair.visible, calibration
 
 

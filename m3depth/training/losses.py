@@ -150,7 +150,9 @@ def _least_disparity(target: Target) -> Tensor:
     return (target.camera[:, 0] * target.baseline / FARTHEST_SCORED)[:, None, None, None]
 
 
-def normal_loss(normal: Tensor, target: Target, weight: Tensor, knee: float = NORMAL_KNEE) -> Tensor:
+def normal_loss(
+    normal: Tensor, target: Target, weight: Tensor, knee: float = NORMAL_KNEE, least: float = LEAST_WEIGHT
+) -> Tensor:
     """Return L_n on one grid: the Huber norm of the difference of unit vectors.
 
     Pixels without a true normal (length 0, in datasets that have none) are left out.
@@ -160,10 +162,11 @@ def normal_loss(normal: Tensor, target: Target, weight: Tensor, knee: float = NO
         target: On the same grid.
         weight: (B, 1, h, w).
         knee: Of the Huber norm.
+        least: Of weighted_mean.
     """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
     valid = target.normal.square().sum(1, keepdim=True) > 0.25
-    return weighted_mean(huber(error, knee), weight * (target.label & valid), LEAST_WEIGHT)
+    return weighted_mean(huber(error, knee), weight * (target.label & valid), least)
 
 
 def total_loss(
@@ -184,10 +187,10 @@ def total_loss(
     weight = pixel_weights(target, config)
     within = target._replace(label=target.label & (target.disparity >= _least_disparity(target)))
     maps = trained_maps(output, within if config.depth else target, weight, config)
-    knee = PAPER_KNEE if config.depth else NORMAL_KNEE
+    knee, least = (PAPER_KNEE, 0.0) if config.depth else (NORMAL_KNEE, LEAST_WEIGHT)
     terms = {
         "disparity": _sum(m.share * disparity_loss(m.disparity, m.target, m.weight, config) for m in maps),
-        "normal": _sum(m.share * normal_loss(m.normal, m.target, m.weight, knee) for m in maps),
+        "normal": _sum(m.share * normal_loss(m.normal, m.target, m.weight, knee, least) for m in maps),
         **({"consistency": maps_consistency(maps, config)} if config.consistency else {}),
         "confidence": confidence_loss(output, target),
         "sky": sky_loss(output, target, weight),

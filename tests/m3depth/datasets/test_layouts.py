@@ -15,10 +15,12 @@ from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.folders import matches
 from m3depth.datasets.open import detect, open_pairs
+from m3depth.datasets.state import state_of_pairs
 from m3depth.evaluation.without_truth.pairs import are_without_truth
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.calibration import make_calibration
 from m3depth.prediction.sources.inputs import find_inputs
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.dataset import SPLITS
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import encode_pfm
@@ -109,6 +111,34 @@ def test_sceneflow_without_calibration(tmp_path) -> None:
         put(tmp_path / "driving" / "frames_cleanpass" / inside / eye / "0001.png", image())
     put(tmp_path / "driving" / "disparity" / inside / "left" / "0001.pfm", ramp())
     assert open_pairs(tmp_path / "driving", "all")[0].rig.camera.fx == pytest.approx(450 * W / 960)
+
+
+def sceneflow_pair(root: Path, inside: str) -> None:
+    for eye in ("left", "right"):
+        put(root / "frames_cleanpass" / inside / eye / "0001.png", image())
+    put(root / "disparity" / inside / "left" / "0001.pfm", ramp())
+
+
+def test_sceneflow_is_all_of_its_parts_that_are_there(tmp_path) -> None:
+    sceneflow_pair(tmp_path / "FlyingThings3D", "TRAIN/A/0000")
+    sceneflow_pair(tmp_path / "FlyingThings3D", "TEST/A/0001")
+    sceneflow_pair(tmp_path / "Monkaa", "eating_x2")
+    for speed in ("fast", "slow"):
+        sceneflow_pair(tmp_path / "Driving", f"35mm_focallength/scene_backwards/{speed}")
+    pairs = {split: open_pairs(tmp_path, split).names for split in ("train", "test")}
+    assert pairs["test"] == ["TEST/A/0001/0001"] and len(pairs["train"]) == 4
+    assert "TRAIN/Monkaa/eating_x2/0001" in pairs["train"]
+    (tmp_path / "FlyingThings3D").rename(tmp_path / "elsewhere")
+    assert sorted(set(open_pairs(tmp_path, "all").scenes)) == ["eating_x2", "scene_backwards"]  # one road
+
+
+def test_both_rectifications_of_a_scene_of_middlebury_are_one_scene(tmp_path) -> None:
+    for name in ("Adirondack-perfect", "Adirondack-imperfect", "Backpack-perfect"):
+        for eye in ("im0", "im1"):
+            put(tmp_path / name / f"{eye}.png", image())
+        put(tmp_path / name / "disp0.pfm", ramp())
+        put(tmp_path / name / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    assert sorted(open_pairs(tmp_path, "all").scenes) == ["Adirondack", "Adirondack", "Backpack"]
 
 
 def test_middlebury_moves_the_right_eye_by_doffs(tmp_path) -> None:
@@ -274,6 +304,14 @@ def named_of_oaisys(tmp_path: Path, eye: int, change: dict, message: str) -> Non
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
+def test_a_changed_config_of_oaisys_is_other_data(tmp_path) -> None:
+    path = oaisys_tree(tmp_path)
+    states = [state_of_pairs(open_pairs(tmp_path, "all", DataConfig(calib=path)))]
+    path.write_text(path.read_text() + " ")
+    states.append(state_of_pairs(open_pairs(tmp_path, "all", DataConfig(calib=path))))
+    assert states[0] != states[1]
+
+
 def archive(values: np.ndarray) -> bytes:
     """What np.savez writes, whatever the file is called."""
     file = io.BytesIO()
@@ -298,6 +336,38 @@ def test_any_folder_by_patterns(tmp_path) -> None:
     np.testing.assert_allclose(pairs[6].depth, ramp())
     sizes = [len(open_pairs(tmp_path, split, config)) for split in ("train", "val", "test")]
     assert sizes == [7, 2, 1]
+
+
+def test_a_folder_of_pairs_is_one_scene_where_there_are_enough_for_all_splits(tmp_path) -> None:
+    config = DataConfig(left="*/left/*.png", right="*/right/*.png", disparity="*/disparity/*.pfm", focal=50, baseline=1)
+    for drive in range(10):
+        for frame in range(2):
+            for eye in ("left", "right"):
+                put(tmp_path / f"drive{drive}" / eye / f"{frame}.png", image())
+            put(tmp_path / f"drive{drive}" / "disparity" / f"{frame}.pfm", ramp())
+    sizes = [len(open_pairs(tmp_path, split, config)) for split in SPLITS]
+    assert sizes == [14, 4, 2] and len(set(open_pairs(tmp_path, "test", config).scenes)) == 1
+
+
+@pytest.mark.parametrize("names", [("train", "validation", "test"), ("training", "valid", "testing")])
+def test_folders_that_are_named_as_splits_are_splits(tmp_path, names) -> None:
+    config = DataConfig(left="*/l/*.png", right="*/r/*.png", disparity="*/d/*.pfm", focal=50, baseline=1)
+    for number, name in enumerate(names):
+        for frame in range(number + 1):
+            for eye in "lr":
+                put(tmp_path / name / eye / f"{frame}.png", image())
+            put(tmp_path / name / "d" / f"{frame}.pfm", ramp())
+    assert [len(open_pairs(tmp_path, split, config)) for split in SPLITS] == [1, 2, 3]
+    (tmp_path / names[0]).rename(tmp_path / "mine")
+    with pytest.raises(DatasetError, match=r"lies in a folder of a split, but .*mine/l/0\.png does not; name all"):
+        open_pairs(tmp_path, "train", config)
+
+
+def test_one_file_is_not_both_images(tmp_path) -> None:
+    patterns(tmp_path)
+    config = DataConfig(left="a/*_left.jpg", right="a/*_left.jpg", depth="a/*_map.npy", focal=50, baseline=1)
+    with pytest.raises(DatasetError, match=r"a/0_left\.jpg: a/\*_left\.jpg and a/\*_left\.jpg both find this file$"):
+        open_pairs(tmp_path, "all", config)
 
 
 def test_natecam_is_a_calibration_by_name(tmp_path) -> None:
@@ -355,6 +425,26 @@ def test_reduced_pairs_keep_their_depth(tmp_path) -> None:
     assert sample.left.shape == (H // 2, W // 2, 3) and sample.rig.camera.fx == 25
     assert np.abs(sample.depth - ramp()[::2, ::2]).max() < 0.11
     np.testing.assert_allclose(sample.disparity * sample.depth, 25, rtol=1e-5)
+
+
+@pytest.mark.parametrize("resize", [0.75, 0.5, 0.25])
+def test_the_depth_of_reduced_pairs_is_that_of_the_reduced_camera(tmp_path, resize) -> None:
+    """A plane, in which a quarter of a pixel makes an error, beside an edge, over which nothing is averaged."""
+    camera = PinholeCamera.centred(W, H, 50.0)
+
+    def scene(view: PinholeCamera) -> np.ndarray:
+        depth = -1.5 / (view.rays() @ np.array([0, -np.cos(0.9), -np.sin(0.9)]))
+        return np.where(np.arange(view.width) < view.width / 2, depth, 9.0).astype(np.float32)
+
+    patterns(tmp_path, value=scene(camera))
+    names = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "depth": "a/*_map.npy"}
+    sample = open_pairs(tmp_path, "all", DataConfig(**names, focal=50, baseline=1, resize=resize))[0]
+    truth = scene(sample.rig.camera)
+    error = np.abs(sample.disparity - 50 * resize / truth)
+    middle = sample.left.shape[1] // 2
+    assert error[2:-2, 2 : middle - 2].max() < 0.01
+    near = np.minimum(np.abs(sample.depth / truth[:, :1] - 1), np.abs(sample.depth / 9.0 - 1))
+    assert near[2:-2].max() < 0.1  # of one surface or the other
 
 
 def test_an_unknown_folder_says_which_flags_to_give(tmp_path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.normal_maps import read_normals
 from m3depth.datasets.open import open_pairs
+from marssim.base.camera import PinholeCamera
 from marssim.base.files.json_file import DatasetError
 
 H, W = 24, 40
@@ -66,7 +67,9 @@ def folder(tmp_path) -> Path:
         (tmp_path / name).mkdir()
     for eye in "lr":
         cv2.imwrite(str(tmp_path / eye / "0.png"), np.random.default_rng(0).integers(0, 256, (H, W, 3), np.uint8))
-    np.save(tmp_path / "d" / "0.npy", np.full((H, W), 3.0, np.float32))
+    depth = np.full((H, W), 3.0, np.float32)
+    depth[:, ::5] = np.nan  # so that no planes can be fitted, which these normals are not those of
+    np.save(tmp_path / "d" / "0.npy", depth)
     return tmp_path
 
 
@@ -101,6 +104,45 @@ def test_reduced_pairs_keep_their_normals(folder) -> None:
     assert normal.shape == (H // 2, W // 2, 3)
     np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1, atol=1e-5)
     assert np.abs(normal - towards_camera()[::2, ::2]).max() < 0.05
+
+
+def ground(folder: Path) -> np.ndarray:
+    """Put the depth of level ground that the cameras see from above into the folder, and return its normals."""
+    camera = PinholeCamera.centred(W, H, 50.0)
+    normal = np.array([0, -np.cos(np.deg2rad(50)), -np.sin(np.deg2rad(50))])
+    np.save(folder / "d" / "0.npy", (-1.5 / (camera.rays() @ normal)).astype(np.float32))
+    return np.broadcast_to(normal, (H, W, 3)).astype(np.float32)
+
+
+OPENGL = np.array([1, -1, -1], np.float32)
+
+
+@pytest.mark.parametrize("frame", ["opencv", "opengl"])
+def test_normals_of_the_surface_are_taken_in_their_own_axes_alone(folder, frame) -> None:
+    normals = ground(folder)
+    put(folder / "n" / "0.npy", normals * (OPENGL if frame == "opengl" else 1))
+    np.testing.assert_allclose(read(folder, ".npy", normal_frame=frame), normals, atol=1e-6)
+    other = "opencv" if frame == "opengl" else "opengl"
+    with pytest.raises(
+        DatasetError, match=rf"in the axes of {other}, .* off planes .* try --normal-frame {frame}, which"
+    ):
+        read(folder, ".npy", normal_frame=other)
+
+
+@pytest.mark.parametrize("frame", ["opencv", "opengl"])
+def test_normals_in_axes_of_the_world_are_refused_in_either_frame(folder, frame) -> None:
+    ground(folder)
+    put(folder / "n" / "0.npy", np.broadcast_to(np.array([0, 0, 1], np.float32), (H, W, 3)))
+    with pytest.raises(DatasetError, match=r"off planes that are fitted to the true depth; .* axes of the world"):
+        read(folder, ".npy", normal_frame=frame)
+
+
+def test_floats_that_are_coded_as_in_images_are_refused(folder) -> None:
+    put(folder / "n" / "0.npy", (ground(folder) * OPENGL + 1) / 2)
+    with pytest.raises(
+        DatasetError, match=r"0\.npy: holds numbers of 0 to 1 that are no unit vectors: .* \(n \+ 1\) / 2"
+    ):
+        read(folder, ".npy", normal_frame="opengl")
 
 
 def bad(folder: Path, vectors: np.ndarray) -> None:

@@ -8,6 +8,7 @@ from small_network import SMALL
 from m3depth.network.model import M3Depth
 from m3depth.network.output import StereoOutput
 from m3depth.training.batch import Target, disparity_edges, reduce_target, whole_batch
+from m3depth.training.config import PAPER_LOSS
 from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import (
     consistency_loss,
@@ -250,6 +251,17 @@ def test_without_true_normals_depth_is_trained_alone() -> None:
     half.normal[..., 12:] = 0
     output.normal[..., :8] = 0.5  # wrong where the truth is known
     assert total_loss(output, half, LossConfig())[1]["normal"] > 0.1
+
+
+def test_the_normals_of_the_papers_loss_are_a_mean_however_few_are_known() -> None:
+    target = make_target()
+    output = output_of(target)
+    output.normal[...] = torch.tensor([0.0, 0.6, -0.8])[:, None, None]
+    few = target._replace(normal=target.normal.clone())
+    few.normal[..., 8:] = 0
+    for config, same in ((PAPER_LOSS, True), (LossConfig(), False)):
+        all_known, few_known = (total_loss(output, truth, config)[1]["normal"] for truth in (target, few))
+        assert (abs(all_known / few_known - 1) < 0.2) == same
 
 
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), 1e300])
