@@ -8,13 +8,16 @@
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import tyro
 
 from m3depth import Estimator, load_estimator
-from marssim import StereoDataset
+from marssim import StereoDataset, StereoSample
+from marssim.base.dataset.sample import recorded_mount
+from marssim.base.rover_spec import ZHURONG, CameraMount
 from nav.replay import Frame, replay
 
 
@@ -22,7 +25,16 @@ def predicted(dataset: StereoDataset, estimator: Estimator) -> Iterator[Frame]:
     """Yield each image of the drive with the depth that the estimator predicts for it."""
     for sample in dataset:
         depth = estimator.infer(sample.left, sample.right, sample.rig)
-        yield Frame(depth.depth, depth.confidence, sample.rig, np.array(sample.meta["pose"]))
+        pan = mount_and_pan(sample)[1]
+        yield Frame(depth.depth, depth.confidence, sample.rig, np.array(sample.meta["pose"]), pan)
+
+
+def mount_and_pan(sample: StereoSample) -> tuple[CameraMount, float]:
+    """Return where the cameras are on the rover, and the pan of the mast [rad], as the dataset has recorded them."""
+    recorded = recorded_mount(sample.meta)
+    if recorded is None:
+        raise SystemExit("the dataset does not say where the cameras are on the rover")
+    return CameraMount.of_left_eye(recorded, sample.rig.baseline)
 
 
 def main(data: Path = Path("data/drive"), estimator: str = "sgbm", ahead: float = 20.0) -> None:
@@ -40,7 +52,8 @@ def main(data: Path = Path("data/drive"), estimator: str = "sgbm", ahead: float 
     eye = np.array(dataset[0].meta["pose"])  # (4, 4) camera to world
     forward = eye[:2, 2] / np.hypot(*eye[:2, 2])
     goal = eye[:2, 3] + ahead * forward
-    for number, command in enumerate(replay(predicted(dataset, load_estimator(estimator)), goal)):
+    rover = replace(ZHURONG, mount=mount_and_pan(dataset[0])[0])
+    for number, command in enumerate(replay(predicted(dataset, load_estimator(estimator)), goal, rover)):
         print(f"image {number}: {command.status}, {command.speed:.2f} m/s, {command.yaw_rate:.2f} rad/s")
 
 

@@ -59,8 +59,11 @@ EDGE = 1.0  # [m] around what can be seen
 COLUMNS = 1024  # of an image that are used, roughly: more than while driving, as time does not matter here
 
 
-# well-known EPSG codes that are geographic or geocentric; a map needs a projected one
-NOT_PROJECTED = (4258, 4267, 4269, 4283, 4326, 4490, 4612, 4674, 4978, 4979, 6318, 7844)
+# ranges of EPSG codes that are geographic or geocentric, and single ones; a map needs a projected one
+NOT_PROJECTED = (
+    *(range(4001, 4056), range(4120, 4390), range(4600, 4647), range(4657, 4766), range(4801, 4822), range(4882, 5000)),
+    (4075, 4081, 4490, 6318, 7844),
+)
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,8 @@ class MapOptions:
     origin: tuple[float, float] = (0.0, 0.0)
     """East and north [m] of the world's origin in the coordinates of the files."""
     epsg: int | None = None
-    """EPSG code, 1024 to 32766, of the projected coordinate system of --origin. Without it, the files have a local
-    frame in metres."""
+    """EPSG code, 1024 to 32766, of the projected coordinate system of --origin, in metres. Without it, the files have a
+    local frame in metres."""
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.cell <= 0.5:
@@ -100,7 +103,7 @@ class MapOptions:
             raise ValueError(f"origin must be two finite numbers [m], got {self.origin}")
         if self.epsg is not None and not 1024 <= self.epsg <= 32766:
             raise ValueError(f"epsg must be 1024 to 32766, got {self.epsg}")
-        if self.epsg in NOT_PROJECTED:
+        if any(self.epsg in codes for codes in NOT_PROJECTED):
             raise ValueError(f"epsg must be a projected coordinate system in metres, got {self.epsg}, which is not one")
 
 
@@ -293,10 +296,12 @@ def _work(options: MapOptions) -> None:
     folder.check()
     if (options.out / RECORD).is_file() or (options.out / "predictions.json").is_file():
         raise DatasetError(f"--out {options.out}: holds predictions; choose another")
-    if options.epsg is not None and pairs[0].is_on_rover:
-        raise ValueError(
-            f"--epsg {options.epsg}: {options.data} has no pose in a world; its map is in the rover's frame"
-        )
+    for flag, value, given in (
+        ("--epsg", options.epsg, options.epsg is not None),
+        ("--origin", "{:g} {:g}".format(*options.origin), any(options.origin)),
+    ):
+        if given and pairs[0].is_on_rover:
+            raise ValueError(f"{flag} {value}: {options.data} has no pose in a world; its map is in the rover's frame")
     unrated = [pair.folder for pair in pairs if find_map(pair.folder, "confidence") is None]
     if unrated and options.min_confidence is not None:
         raise ValueError(

@@ -35,6 +35,8 @@ def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Ite
     found = list(partners(root, patterns))
     lefts = [path.relative_to(root) for path, *_ in found]
     names = [left.with_suffix("").as_posix() for left in lefts]
+    if (twice := next((path for path, right, *_ in found if path == right), None)) is not None:
+        raise DatasetError(f"{twice}: --left and --right both find this file")
     scenes = _scenes([left.as_posix() for left in lefts])
     if len(set(scenes)) < FEWEST_SCENES:
         scenes = names
@@ -65,8 +67,6 @@ def partners(
         for files, pattern in zip(others, patterns[1:], strict=True):
             if key not in files:
                 raise DatasetError(f"{path}: has no partner in {root / pattern}")
-            if files[key] == path:
-                raise DatasetError(f"{path}: {patterns[0]} and {pattern} both find this file")
         yield path, *(files[key] for files in others)
 
 

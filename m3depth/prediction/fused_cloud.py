@@ -22,6 +22,7 @@ class FusedCloud:
         self.voxel = voxel
         self._keys = np.zeros(0, np.int64)
         self._sums = np.zeros((0, 7))  # x, y, z, red, green, blue, number of points
+        self._waiting: list[tuple[np.ndarray, np.ndarray]] = []  # keys and sums that are not yet among these
         self._origin: np.ndarray | None = None
 
     def add(self, points: np.ndarray, colours: np.ndarray) -> None:
@@ -38,17 +39,26 @@ class FusedCloud:
         local = np.asarray(points, float) - self._origin
         index = np.floor(local / self.voxel).astype(np.int64) + (1 << (BITS - 1))
         inside = ((index >= 0) & (index < 1 << BITS)).all(axis=1)
+        if not inside.any():
+            return
         index, local, colours = index[inside], local[inside], colours[inside]
         keys = (index[:, 0] << 2 * BITS) | (index[:, 1] << BITS) | index[:, 2]
         added = np.column_stack([local, colours.astype(float), np.ones(len(local))])
-        self._keys, self._sums = _summed(
-            np.concatenate([self._keys, keys]), np.concatenate([self._sums, added])
-        )  # fmt: skip
+        self._waiting.append(_summed(keys, added))
+        if sum(len(waiting) for waiting, _ in self._waiting) > len(self._keys):
+            self._merge()  # as rarely as the cloud doubles, so that many clouds do not take quadratic time
+
+    def _merge(self) -> None:
+        """Add what is waiting to the cubes."""
+        parts = [(self._keys, self._sums), *self._waiting]
+        self._keys, self._sums = _summed(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        self._waiting = []
 
     def result(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean points (M, 3) [m] and colours (M, 3) uint8, one for each cube that holds any."""
         if self._origin is None:
             return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+        self._merge()
         mean = self._sums[:, :6] / self._sums[:, 6:]
         return mean[:, :3] + self._origin, np.round(mean[:, 3:]).astype(np.uint8)
 

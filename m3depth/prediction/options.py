@@ -19,6 +19,7 @@ CloudFrame = Literal["camera", "rover", "world"]
 Rectify = Literal["auto", "always", "never"]
 
 NEAREST_LIMITS = (0.01, 1000.0)  # [m]
+SMALLEST_VOXEL = 0.001  # [m]; 2^20 of them in each direction reach over 1 km
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ class PredictOptions:
     """Frame of the point clouds: camera (x right, y down, z forward), rover (x ahead, y left, z up; see --mount), or
     world, for pairs with poses."""
     voxel: float = 0.05
-    """Edge of the cubes [m], above 0, whose points the fused cloud of pairs with poses averages."""
+    """Edge of the cubes [m], 0.001 or more, whose points the fused cloud of pairs with poses averages."""
     video: bool = False
     """Write a video of the pictures of many pairs, in order. Without it, only videos and bags give one."""
     view: bool = False
@@ -151,6 +152,8 @@ class PredictOptions:
             value = getattr(self, name)
             if value is not None and not (value > 0 and (np.isfinite(value) or name == "max_range")):
                 raise ValueError(f"{name} must be positive, got {value:g}")
+        if self.voxel < SMALLEST_VOXEL:
+            raise ValueError(f"voxel must be at least {SMALLEST_VOXEL:g} m, got {self.voxel:g}")
         low, high = NEAREST_LIMITS
         if self.nearest is not None and not low <= self.nearest <= high:
             raise ValueError(f"nearest must lie in [{low:g}, {high:g}] m, got {self.nearest:g}")

@@ -158,7 +158,7 @@ class ElevationMap:
         return True
 
     def complete(self, other: ElevationMap) -> None:
-        """Fill the cells that were never measured from another map of any size, where that one measured.
+        """Fill the cells that were never measured from the heights of another map of any size that have a weight.
 
         The first look at such a cell that weighs more than its heights replaces them; lighter looks are averaged with
         them.
@@ -173,7 +173,8 @@ class ElevationMap:
         here = np.s_[max(0, -dy) : max(0, other.n - dy), max(0, -dx) : max(0, other.n - dx)]
         rows, columns = self.top[here].shape
         there = np.s_[max(0, dy) : max(0, dy) + rows, max(0, dx) : max(0, dx) + columns]
-        fill = ~self.measured[here] & other.measured[there]
+        finite = np.isfinite(other.top[there]) & np.isfinite(other.low[there])
+        fill = ~self.measured[here] & other.measured[there] & finite
         for name in LAYERS:
             layer = getattr(self, name)[here]
             layer[fill] = getattr(other, name)[there][fill]

@@ -191,23 +191,25 @@ def map_page(
     factor = max(1, -(-LEAST // max(height, width)))
     picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
     below, right = picture.shape[0] + 2 * BORDER, LEFT + picture.shape[1] + 2 * BORDER
-    page = np.full((below + STRIP, max(LEFT + LEGEND_WIDTH, right), 3), 255, np.uint8)
+    length = max(step for step in BARS if step <= max(BARS[0], width * window.cell / 2))
+    end = LEFT + BORDER + round(length / window.cell * factor)
+    beside = f"{length:g} m; white: cameras, and where they look"
+    wide = max(LEFT + LEGEND_WIDTH, right, end + 12 + cv2.getTextSize(beside, *FONT)[0][0])
+    page = np.full((below + STRIP, wide, 3), 255, np.uint8)
     page[:below, LEFT:right] = UNKNOWN_COLOUR
     page[BORDER : below - BORDER, LEFT + BORDER : right - BORDER] = picture
     _draw_axes(page, (LEFT + BORDER, below - BORDER), factor / window.cell, window)
     for (x, y), (east, north) in zip(cameras, axes, strict=True):
         at = int((x + 0.5) * factor) + LEFT + BORDER, int((height - y - 0.5) * factor) + BORDER
-        length = float(np.hypot(east, north))
-        if length > 0 and len(cameras) <= MOST_ARROWS:
-            end = round(at[0] + ARROW * east / length), round(at[1] - ARROW * north / length)
+        long = float(np.hypot(east, north))
+        if long > 0 and len(cameras) <= MOST_ARROWS:
+            tip = round(at[0] + ARROW * east / long), round(at[1] - ARROW * north / long)
             for colour, thickness in ((0, 4), (255, 2)):
-                cv2.arrowedLine(page, at, end, (colour,) * 3, thickness, cv2.LINE_AA, tipLength=0.35)
+                cv2.arrowedLine(page, at, tip, (colour,) * 3, thickness, cv2.LINE_AA, tipLength=0.35)
         cv2.circle(page, at, 5, (0, 0, 0), -1, cv2.LINE_AA)
         cv2.circle(page, at, 3, (255, 255, 255), -1, cv2.LINE_AA)
-    length = max(step for step in BARS if step <= max(BARS[0], width * window.cell / 2))
-    end = LEFT + BORDER + round(length / window.cell * factor)
     cv2.rectangle(page, (LEFT + BORDER, below + 44), (end, below + 48), (0, 0, 0), -1)
-    _write(page, f"{length:g} m; white: cameras, and where they look", end + 6, below + 50)
+    _write(page, beside, end + 6, below + 50)
     text = "right: x, ahead of the rover; up: y, left of it [m]" if of_rover else "right: east; up: north [m]"
     for line, words in ((0, text), (2, LEGEND[0]), (3, LEGEND[1])):
         _write(page, words, LEFT, below + 34 + 17 * line)

@@ -67,6 +67,8 @@ def test_a_map_in_the_rovers_frame_says_so_and_has_no_place_on_mars(tmp_path, ca
         assert image.tag_v2[34737] == "frame of the rover: x ahead, y left, metres|"
     assert main([*arguments, "--epsg", "32631"]) == 2
     assert "has no pose in a world; its map is in the rover's frame" in capsys.readouterr().err
+    assert main([*arguments, "--origin", "5", "7"]) == 2
+    assert capsys.readouterr().err.startswith(f"error: --origin 5 7: {tmp_path / 'pair'} has no pose in a world")
 
 
 def test_the_map_holds_what_the_corners_of_an_image_show_within_the_range(tmp_path):
@@ -147,7 +149,7 @@ def test_pairs_with_poses_become_one_map_at_its_place(tmp_path):
 
 def test_a_code_in_degrees_is_refused(tmp_path, capsys):
     write_pair(tmp_path / "drive/0")
-    for code in ("4326", "4979", "1023"):
+    for code in ("4326", "4979", "4617", "4230", "1023"):
         assert main([str(tmp_path / "drive"), "--out", str(tmp_path / "map"), "--epsg", code]) == 2
         error = capsys.readouterr().err
         assert error.startswith("error: --epsg must be ") and error.count("\n") == 1

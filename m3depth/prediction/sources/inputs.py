@@ -210,7 +210,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
     if not inputs.pairs:
         raise DatasetError(f"{' '.join(map(str, options.images)) or options.left}: names no pair of images")
     if options.poses is not None:
-        poses = read_poses(options.poses)
+        poses = read_poses(options.poses, options.pose_axes)
         if len(poses) != len(inputs.pairs):
             raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(inputs.pairs)} pairs")
         pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(inputs.pairs, poses, strict=True))

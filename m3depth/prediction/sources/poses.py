@@ -5,6 +5,7 @@ World and rover: z up. Camera: x right, y down, z forward. A pose is a (4, 4) ma
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ MOUNT_ASSUMED = (
     f"{ZHURONG.mount.height:g} m above the ground and {np.rad2deg(ZHURONG.mount.pitch):.0f} degrees down, "
     "as on Zhurong, are assumed; give --mount"
 )
+LOOKS_UP = 0.94  # z of the optical axis of a camera that looks up by 70 deg
 TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
 
 
@@ -113,12 +115,16 @@ def sample_mount(file: Path) -> np.ndarray | None:
         raise DatasetError(f"{file}: {error}") from None
 
 
-def read_poses(path: Path) -> np.ndarray:
+def read_poses(path: Path, axes: str) -> np.ndarray:
     """Read a file of poses, with a line for each pair; empty lines and lines that begin with # do not count.
+
+    Poses that begin at the first camera and have its axes, as those of visual odometry, are a warning where a world
+    with z up is expected: there, that camera looks up at the zenith.
 
     Args:
         path: Lines of 12 numbers, the rows of [R t] (KITTI's odometry), or of 8: time, position and the quaternion x y
             z w (TUM).
+        axes: Those of the world: "z-up", or "camera" for those of the first camera.
 
     Returns:
         (N, 4, 4).
@@ -158,4 +164,10 @@ def read_poses(path: Path) -> np.ndarray:
                 "(nav.map --origin adds it again)"
             )
         poses.append(pose)
+    if axes == "z-up" and poses and poses[0][2, 2] > LOOKS_UP:
+        print(
+            f"warning: {path}: the first camera looks up at the zenith, in a world with z up; if the poses have the "
+            "axes of the first camera, give --pose-axes camera",
+            file=sys.stderr,
+        )
     return np.array(poses).reshape(-1, 4, 4)

@@ -366,7 +366,7 @@ def test_folders_that_are_named_as_splits_are_splits(tmp_path, names) -> None:
 def test_one_file_is_not_both_images(tmp_path) -> None:
     patterns(tmp_path)
     config = DataConfig(left="a/*_left.jpg", right="a/*_left.jpg", depth="a/*_map.npy", focal=50, baseline=1)
-    with pytest.raises(DatasetError, match=r"a/0_left\.jpg: a/\*_left\.jpg and a/\*_left\.jpg both find this file$"):
+    with pytest.raises(DatasetError, match=r"a/0_left\.jpg: --left and --right both find this file$"):
         open_pairs(tmp_path, "all", config)
 
 

@@ -24,5 +24,19 @@ def test_nothing_and_points_far_beyond_do_no_harm():
     cloud = FusedCloud(0.01)
     cloud.add(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     assert len(cloud.result()[0]) == 0 and cloud.encode().startswith(b"ply")
+    cloud.add(np.array([[5.0, 5, 5], [5.0, 5, 5]]), np.zeros((2, 3), np.uint8))
+    cloud.add(np.full((1, 3), 1e7), np.zeros((1, 3), np.uint8))  # all of it is too far away
     cloud.add(np.array([[5.0, 5, 5], [1e7, 0, 0]]), np.zeros((2, 3), np.uint8))
     assert np.allclose(cloud.result()[0], 5)
+
+
+def test_clouds_are_sorted_in_rarely_however_many_there_are(monkeypatch):
+    merged, merge = [], FusedCloud._merge
+    monkeypatch.setattr(FusedCloud, "_merge", lambda self: merged.append(1) or merge(self))
+    cloud, rng = FusedCloud(0.1), np.random.default_rng(0)
+    clouds = [rng.uniform(n, n + 1, (50, 3)) for n in range(100)]  # each of new ground
+    for points in clouds:
+        cloud.add(points, np.zeros((50, 3), np.uint8))
+    assert len(merged) < 12
+    keys = {tuple(key) for points in clouds for key in np.floor((points - np.floor(clouds[0][0] / 0.1) * 0.1) / 0.1)}
+    assert len(cloud.result()[0]) == len(keys)

@@ -256,6 +256,15 @@ def test_a_map_is_completed_by_another_where_it_never_measured():
     assert not here.possible_drop.any() and here.measured.sum() == 2
 
 
+def test_unknown_heights_of_another_map_fill_no_cell_whatever_their_weight():
+    here, other = ElevationMap(), ElevationMap()
+    other.top[5:8, 5], other.low[5:8, 5], other.weight[:] = 1.0, 0.9, 1.0
+    other.low[6, 5] = np.nan
+    here.complete(other)
+    assert here.measured.sum() == 2 and here.measured[5, 5] and here.measured[7, 5]
+    assert np.isfinite(here.low[here.measured]).all()
+
+
 @given(shift=st.tuples(*[st.integers(-70, 70)] * 2), size=st.sampled_from([2.0, 6.0, 14.0]))
 @settings(max_examples=40, deadline=None)
 def test_cells_of_another_map_are_filled_in_where_they_lie(shift, size):

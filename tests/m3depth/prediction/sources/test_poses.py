@@ -11,9 +11,24 @@ from marssim.base.rover_spec import ZHURONG
 def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
     file = tmp_path / "poses.txt"
     file.write_text("# a turn by 90 deg about z\n0 -1 0 1 1 0 0 2 0 0 1 3\n\n12.5 1 2 3 0 0 0.70710678 0.70710678\n")
-    first, second = read_poses(file)
+    first, second = read_poses(file, "camera")
     np.testing.assert_allclose(first, second, atol=1e-7)
     np.testing.assert_allclose(first @ [1, 0, 0, 1], [1, 3, 3, 1], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("axes", "line", "warned"),
+    [
+        ("z-up", "0 0 0 0 0 0 0 1", True),
+        ("camera", "0 0 0 0 0 0 0 1", False),
+        ("z-up", "0 1 2 3 -0.5 0.5 -0.5 0.5", False),
+    ],
+)
+def test_poses_with_the_axes_of_the_first_camera_are_a_warning_in_a_world(tmp_path, capsys, axes, line, warned):
+    (tmp_path / "poses.txt").write_text(line)
+    assert len(read_poses(tmp_path / "poses.txt", axes)) == 1
+    error = capsys.readouterr().err
+    assert (error == "") != warned and error.startswith(f"warning: {tmp_path / 'poses.txt'}: the first c" * warned)
 
 
 @pytest.mark.filterwarnings("error")
@@ -34,7 +49,7 @@ def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
 def test_a_line_that_is_no_pose_is_named(tmp_path, line, message):
     (tmp_path / "p.txt").write_text(f"0 0 0 0 0 0 0 1\n{line}\n")
     with pytest.raises(ValueError, match=f"p.txt, {message}"):
-        read_poses(tmp_path / "p.txt")
+        read_poses(tmp_path / "p.txt", "z-up")
 
 
 def test_the_rover_looks_ahead_and_down():
