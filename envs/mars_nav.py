@@ -18,7 +18,7 @@ from envs.observation.map_view import MapView
 from envs.observation.spaces import observation_space, observe
 from envs.suites.drawn_course import draw_episode
 from envs.suites.draws import Condition, EpisodeDraws, EpisodeSettings, Number, Slip, stream_of_draws
-from envs.world.action import checked_action, warn_if_over
+from envs.world.action import checked_action, warn_if_ended
 from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, known_scene
 from envs.world.eyes import EyesConfig
 from envs.world.gaze import Gaze
@@ -123,7 +123,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |
     | `looked`             | with `look_every`: whether this step ended with a look                                |
-    | `redraws`            | number of rejected courses: no way to the goal, or a steep end; 0 in a kept scene     |
+    | `redraws`            | rejected courses: no way to the goal, or a steep end; 0 after a scene's first episode |
     | `slip`               | with `slip`: share of the wheels' way in this step that the rover did not make        |
     | `sideways`           | with `slip`: how far the rover slid to its left in this step [m]                      |
     | `sinkage`            | with `slip`: mean depth of the wheels in the soil in this step [m]                    |
@@ -174,7 +174,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
     of obstacles within 2.5 m (envs.courses.kept_scene). A reset with a seed or with options makes a new scene. A kept
-    scene takes no more memory, and its reset a small part of the time; with physics, a fifth.
+    scene takes no more memory, and its reset takes a small part of the time, with physics a fifth.
 
     Options of `reset`, for one episode:
 
@@ -329,7 +329,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         """
         if self.course is None or self.vehicle is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        warn_if_over(self.outcome)
+        warn_if_ended(self.outcome)
         assert self.action_space.shape is not None
         action = checked_action(action, self.action_space.shape)
         speed, yaw_rate = float(action[0]) * self.rover_spec.max_speed, float(action[1]) * self.rover_spec.max_yaw_rate

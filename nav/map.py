@@ -61,7 +61,8 @@ COLUMNS = 1024  # of an image that are used, roughly: more than while driving, a
 
 # ranges of EPSG codes that are geographic or geocentric, and single ones; a map needs a projected one
 NOT_PROJECTED = (
-    *(range(4001, 4056), range(4120, 4390), range(4600, 4647), range(4657, 4766), range(4801, 4822), range(4882, 5000)),
+    *(range(4001, 4026), range(4027, 4037), range(4039, 4048), range(4052, 4056)),
+    *(range(4120, 4390), range(4600, 4647), range(4657, 4766), range(4801, 4822), range(4882, 5000)),
     (4075, 4081, 4490, 6318, 7844),
 )
 

@@ -29,7 +29,7 @@ import numpy as np
 from manifest_summary import Term, figure
 from method_records import (
     COLUMNS,
-    LARGE,
+    FAILED_ABS_REL,
     POOLED,
     RATIOS,
     check_same_pairs,
@@ -183,12 +183,12 @@ def _of_image(name: str, record: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def spread(of_set: Mapping[str, Any]) -> dict[str, float]:
-    """Return how Abs Rel is spread over the pairs of a set: the median, and the share of pairs that are LARGE or more.
+    """Return how Abs Rel is spread over the pairs of a set: the median, and the share of pairs that failed.
 
-    Of a few pairs with very large errors, the mean says more than of all others.
+    A few pairs with very large errors can determine the mean; the median shows the others.
     """
     errors = np.array([pair["abs_rel"] for pair in pairs_of(of_set)[0] if pair["abs_rel"] is not None])
-    return {"median": float(np.median(errors)), "large": float((errors >= LARGE).mean())}
+    return {"median": float(np.median(errors)), "failed": float((errors >= FAILED_ABS_REL).mean())}
 
 
 def intervals(of_set: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ RATIOS = {
     "normal_mean": "mean error of the normals",
 }  # fmt: skip
 """The figures that are also given over those of the reference."""
-LARGE = 0.5  # Abs Rel of a pair from which most of its depth is wrong, or a part by very much
+FAILED_ABS_REL = 0.5  # a method fails on a pair if its Abs Rel is this or more
 
 
 def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:

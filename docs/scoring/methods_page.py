@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from method_records import COLUMNS, LARGE, RATIOS, VISIBLE
+from method_records import COLUMNS, FAILED_ABS_REL, RATIOS, VISIBLE
 
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, marked, number, table
 from marssim.base.command.wording import counted
@@ -135,8 +135,8 @@ def _set_section(name: str, part: Mapping[str, Any], runs: Mapping[str, Any], re
     lines += ["", *table(["method", *RATIOS.values()], cells)]
     lines += ["", "Abs Rel over the pairs:", ""]
     spreads = [(titles[label], part["spread"][label]) for label in order]
-    cells = [[title, number(each["median"]), f"{100 * each['large']:.1f} %"] for title, each in spreads]
-    lines += table(["method", "median", f"pairs of {LARGE:g} or more"], cells)
+    cells = [[title, number(each["median"]), f"{100 * each['failed']:.1f} %"] for title, each in spreads]
+    lines += table(["method", "median", f"pairs of {FAILED_ABS_REL:g} or more"], cells)
     lines += ["", "Mean absolute error [m] by true depth, over all pixels; - where no pixel has such a depth:", ""]
     depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
     cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]

@@ -34,13 +34,13 @@ LEGEND = f"""\
 Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's interval. SPL: success times the shortest
 path over the driven one. Collisions: of the chassis, or of a wheel with a rock that blocks. Abs Rel: error of the depth
 on the way. Near miss: a drive without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of such a rock,
-a drop or steep ground. results.md has more columns, and the differences between methods."""
+a drop or steep ground. results.md has more columns."""
 FILMED = "videos.json"  # file in OUT with the record's file of each film
 BEST, WORST = "best.mp4", "worst.mp4"  # films in OUT
 HOW_TO_RECORD = {
-    "none": "No drive is recorded. envs.evaluate with --record failures, or --record all, records drives; shards are "
-    "driven so before they are joined.",
-    "failures": "No drive failed, so that none is recorded. envs.evaluate with --record all records all drives.",
+    "none": "No drive is recorded. Run envs.evaluate with --record failures or --record all to record drives. To "
+    "record joined results, run each shard so before envs.join.",
+    "failures": "No drive failed, so that none is recorded. Run envs.evaluate with --record all to record all drives.",
     "all": "",
 }
 
@@ -96,8 +96,10 @@ def write_results_page(
 
 
 def _together(cells: Sequence[str], content: Mapping[str, Any], records: Sequence[EpisodeRecord]) -> str:
-    """Return what holds for all cells: the summary of each method, the differences between them, and links to the
-    cells; "" for one method in one cell."""
+    """Return the section on all drives: a row for each method, the differences, and links to the cells.
+
+    With one cell, it has only the differences; it is empty if there are none.
+    """
     methods = list(dict.fromkeys((r.driver, r.perception) for r in records))
     differences = "".join(f"<p>{escape(difference_in_words(row))}</p>" for row in content["differences"])
     if len(cells) == 1:
@@ -108,7 +110,7 @@ def _together(cells: Sequence[str], content: Mapping[str, Any], records: Sequenc
         rows.append({"driver": driver, "perception": perception, **summarise(drives)})
     columns = {"success" if name.startswith("success") else name: show for name, show in COLUMNS.items()} | {
         "success": lambda row: f"{100 * row['success_rate']:.0f} %"
-    }  # courses of one number resemble each other
+    }  # without an interval: the same course under two conditions is not two independent drives
     links = ", ".join(f'<a href="#cell-{n}">{escape(cell)}</a>' for n, cell in enumerate(cells))
     return f"""<section class="panel">
 <h2>all drives</h2>

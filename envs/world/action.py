@@ -5,6 +5,8 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 
+from envs.world.referee import DRIVING
+
 NO_NUMBERS = "USMmc"  # kinds of NumPy's types that are cast to float though they are no real numbers
 
 
@@ -12,9 +14,9 @@ class ActionError(ValueError):
     """The environment got an action that it cannot carry out; the message says what was expected."""
 
 
-def warn_if_over(outcome: str) -> None:
-    """Warn of a step after the end of an episode, whose reward means nothing; outcome: "driving" before it."""
-    if outcome != "driving":
+def warn_if_ended(outcome: str) -> None:
+    """Warn if a step follows the end of an episode; its reward has no meaning. outcome: That before the step."""
+    if outcome != DRIVING:
         gymnasium.logger.warn(f"step was called after the episode ended ({outcome}): call reset first")
 
 

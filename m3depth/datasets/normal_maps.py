@@ -35,16 +35,16 @@ def read_normals(path: Path, frame: NormalFrame) -> np.ndarray:
         (H, W, 3) float32 of unit length in the camera's frame (x right, y down, z forward), 0 where unknown.
 
     Raises:
-        DatasetError: The file is missing or unreadable, or has no three channels; the message names it.
+        DatasetError: The file is missing or unreadable, has no three channels, or holds floats coded as (n + 1) / 2;
+            the message names it.
         ImportError: An EXR file without OpenEXR; the message names the extra.
     """
     stored = _vectors(path)
-    if stored.dtype.kind == "f":
-        _check_range(path, stored)
     if stored.dtype.kind == "u":
         vectors = stored.astype(np.float32) * np.float32(2 / np.iinfo(stored.dtype).max) - 1
         known = stored.any(-1) & (np.linalg.norm(vectors, axis=-1) > CODED_LENGTH)
     else:
+        _check_range(path, stored)
         vectors = stored.astype(np.float32)
         known = np.isfinite(vectors).all(-1) & vectors.any(-1)
     if frame == "opengl":
@@ -54,7 +54,9 @@ def read_normals(path: Path, frame: NormalFrame) -> np.ndarray:
 
 
 def check_frame(path: Path, normal: np.ndarray, frame: NormalFrame, camera: PinholeCamera, fitted: np.ndarray) -> None:
-    """Raise DatasetError if most normals turn away from the camera, or from the surface: their axes are other ones.
+    """Raise DatasetError if normals differ from planes fitted to the true depth, or mostly turn away from the camera.
+
+    Then their axes are other ones.
 
     Args:
         path: File of the normals, for the message.
@@ -63,9 +65,9 @@ def check_frame(path: Path, normal: np.ndarray, frame: NormalFrame, camera: Pinh
         camera: The camera of the map.
         fitted: (H, W, 3) normals of planes that are fitted to the true depth, 0 where there are none.
     """
+    other: NormalFrame = "opencv" if frame == "opengl" else "opengl"
     both = normal.any(-1) & fitted.any(-1)
     if np.count_nonzero(both) >= FEWEST_FITTED * both.size:
-        other: NormalFrame = "opencv" if frame == "opengl" else "opengl"
         angle, other_angle = (
             float(np.rad2deg(np.arccos(np.clip(np.median((n * fitted)[both].sum(-1)), -1, 1))))
             for n in (normal, normal * FROM_OPENGL)
@@ -83,7 +85,6 @@ def check_frame(path: Path, normal: np.ndarray, frame: NormalFrame, camera: Pinh
     towards = (normal * camera.rays()).sum(-1)
     away, known = np.count_nonzero(towards > 0), np.count_nonzero(normal.any(-1))
     if 2 * away > known:
-        other = "opencv" if frame == "opengl" else "opengl"
         raise DatasetError(
             f"{path}: {100 * away / known:.0f} % of its normals turn away from the camera in the axes of {frame}; try "
             f"--normal-frame {other}"

@@ -44,7 +44,12 @@ READERS: dict[Format, Callable[[Path, DataConfig, CalibrationFinder], Iterator[P
     "oaisys": oaisys,
     "folder": folder_pairs,
 }
-SPLIT_NAMES = {"training": "train", "validation": "val", "valid": "val", "testing": "test"}  # beside another split
+SPLIT_NAMES = {
+    "training": "train",
+    "validation": "val",
+    "valid": "val",
+    "testing": "test",
+}  # they count beside a folder of another name
 SPLIT_FOLDERS = ("kitti", "middlebury", "eth3d")  # layouts whose roots may lie in folders train, val and test
 
 
@@ -182,7 +187,7 @@ def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
     """Return the split of each pair: the first part of its name (SceneFlow's TRAIN), else 7:2:1 by groups in order.
 
     Raises:
-        DatasetError: The first parts of only some names are those of splits.
+        DatasetError: Some pairs lie in folders named after splits, and others do not.
     """
     first = [pair.name.split("/")[0].lower() for pair in pairs]
     named = [SPLIT_NAMES.get(name, name) for name in first]

@@ -162,7 +162,7 @@ def normal_loss(
         target: On the same grid.
         weight: (B, 1, h, w).
         knee: Of the Huber norm.
-        least: Of weighted_mean.
+        least: Least mean weight that the mean divides by; see weighted_mean.
     """
     error = ((normal - target.normal).square().sum(1, keepdim=True) + 1e-8).sqrt()
     valid = target.normal.square().sum(1, keepdim=True) > 0.25

@@ -37,8 +37,8 @@ def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
     if height % multiple or width % multiple:
         rows, columns = (-(-side // multiple) * multiple for side in (height, width))
         lines.append(
-            f"warning: --crop {height} {width}: the network pads these crops to {rows} x {columns} px and learns to "
-            f"expect that at their border; give multiples of {multiple}"
+            f"warning: --crop {height} {width}: the network pads these crops to {rows} x {columns} px, and errs at "
+            f"that border in images without padding; give multiples of {multiple}"
         )
     if run.changed:
         lines.append(f"goes on with other settings: {', '.join(run.changed)}")

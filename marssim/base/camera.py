@@ -50,6 +50,9 @@ class PinholeCamera:
         for name in ("width", "height"):
             if not 1 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be at least 1 pixel, got {getattr(self, name)}")
+            if getattr(self, name) % 1:
+                raise ValueError(f"{name} must be a whole number of pixels, got {getattr(self, name)}")
+            object.__setattr__(self, name, int(getattr(self, name)))  # also of 512.0, as files may have it
             if getattr(self, name) > LARGEST_IMAGE:
                 raise ValueError(f"{name} must be at most {LARGEST_IMAGE} px, got {getattr(self, name)}")
         for name in ("fx", "fy"):

@@ -142,7 +142,7 @@ def draw_view(
     """
     rng, mast = _rng_of(config, scene_index, view), _mast(config, scene_index, view)
     if mast is None:
-        return draw_pose(scene, config.view, rng), rng
+        return draw_pose(scene, config.view, rng, config.rig.baseline), rng
     return draw_pose_of_rover(scene, config.view, rng, mast), rng
 
 

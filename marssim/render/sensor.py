@@ -36,13 +36,26 @@ ABSENT = {**dict.fromkeys(FAULTS, 0.0), "jpeg_quality": LOSSLESS}  # values of a
 OF_FAULTS = ("motion_direction_deg", "stretch_alone")  # values that only matter with a fault
 
 
+LIMITS = {
+    "exposure": (0.02, 0.98), "psf": (0, 2), "full_well": (10, 1e7), "read_noise": (0, 1e5),
+    "vignetting": (0, 1), "gain_difference": (-0.9, 9), "noise_difference": (-0.9, 9),
+    "vertical_offset": (-10, 10), "rotation_deg": (-5, 5), "horizontal_offset": (-10, 10), "dust": (0, 0.8),
+    "motion_blur": (0, 50), "motion_direction_deg": (-360, 360), "glare": (0, 1), "sun_glare": (0, 1),
+    "overexposure": (-6, 6), "bleeding": (0, 1), "smear": (0, 1), "hot_pixels": (0, 1e5), "stretch": (0, 0.2),
+    "stretch_alone": (0, 1), "jpeg_quality": (1, LOSSLESS), "fault_chance": (0, 1),
+}  # fmt: skip
+"""Least and largest value of the settings of SensorConfig."""
+OF_ONE_EYE = ("full_well", "read_noise")  # of the right eye they follow from those of the left one
+
+
 @dataclass(frozen=True)
 class SensorConfig:
     """Optics and detector. Each pair draws each value from its range, LOW HIGH; give a value twice to fix it."""
 
     exposure: Range = (0.40, 0.60)
-    """8-bit code of the ground's median brightness as a share of 255, LOW HIGH, 0.02 to 0.98. The image is darker where
-    otherwise the ground's brightest 2 % would exceed 90 % of full scale, or half of the sky would saturate."""
+    """8-bit code of the ground's median brightness as a share of 255, before vignetting, LOW HIGH, 0.02 to 0.98. The
+    image is darker where otherwise the ground's brightest 2 % would exceed 90 % of full scale, or half of the sky would
+    saturate."""
     psf: Range = (0.35, 0.6)
     """Standard deviation of the point spread function [px], LOW HIGH, 0 to 2: 0 is perfectly sharp. Above 1 its tails
     are cut off."""
@@ -61,8 +74,8 @@ class SensorConfig:
     occlusion in the ground truth follow this and the two other residual errors; depth and normals do not depend on
     them."""
     rotation_deg: Range = (-0.015, 0.015)
-    """Residual error of rectification: rotation of the right image about its middle [deg], LOW HIGH, -5 to 5. Positive
-    is clockwise."""
+    """Residual error of rectification: rotation of the right image about its principal point [deg], LOW HIGH, -5 to 5.
+    Positive is clockwise."""
     horizontal_offset: Range = (0.0, 0.0)
     """Residual error of rectification: how far the right image lies too far right [px], LOW HIGH, -10 to 10, as if the
     cameras were not quite parallel. Depth that is computed as f B / disparity is then wrong."""
@@ -106,15 +119,7 @@ class SensorConfig:
     overexposure, bleeding, smear, hot pixels, stretch, JPEG and glare of the sun. Each is drawn for itself."""
 
     def __post_init__(self) -> None:
-        limits = {
-            "exposure": (0.02, 0.98), "psf": (0, 2), "full_well": (10, 1e7), "read_noise": (0, 1e5),
-            "vignetting": (0, 1), "gain_difference": (-0.9, 9), "noise_difference": (-0.9, 9),
-            "vertical_offset": (-10, 10), "rotation_deg": (-5, 5), "horizontal_offset": (-10, 10), "dust": (0, 0.8),
-            "motion_blur": (0, 50), "motion_direction_deg": (-360, 360), "glare": (0, 1), "sun_glare": (0, 1),
-            "overexposure": (-6, 6), "bleeding": (0, 1), "smear": (0, 1), "hot_pixels": (0, 1e5), "stretch": (0, 0.2),
-            "stretch_alone": (0, 1), "jpeg_quality": (1, LOSSLESS), "fault_chance": (0, 1),
-        }  # fmt: skip
-        check_ranges(self, limits)
+        check_ranges(self, LIMITS)
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,7 @@ class Sensor:
         gain_difference: How much brighter the right camera is, as a share.
         noise_difference: How much noisier the right camera is, as a share.
         vertical_offset: How far the right image lies too low [px].
-        rotation_deg: Rotation of the right image about its middle [deg], positive is clockwise.
+        rotation_deg: Rotation of the right image about its principal point [deg], positive is clockwise.
         horizontal_offset: How far the right image lies too far right [px].
         dust: Share of the light that dust on the windows takes away.
         motion_blur: How far both images move during the exposure [px].
@@ -146,6 +151,10 @@ class Sensor:
         jpeg_quality: Quality of the JPEG; 100 stands for no compression.
         fault_chance: Chance with which each fault was drawn.
         seed: Seed of the dust and of the hot pixels.
+
+    Raises:
+        ValueError: A value is not finite, or out of the range that SensorConfig has for it. Only full_well and
+            read_noise may have any positive value.
     """
 
     exposure: float
@@ -172,6 +181,14 @@ class Sensor:
     jpeg_quality: float = LOSSLESS
     fault_chance: float = 1.0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in LIMITS.items():
+            value = getattr(self, name)
+            if name in OF_ONE_EYE:
+                low, high = 0, np.inf
+            if not (np.isfinite(value) and low <= value <= high) or (name == "full_well" and value == 0):
+                raise ValueError(f"{name} must be finite, and {low:g} to {high:g}, got {value}")
 
     @classmethod
     def draw(cls, config: SensorConfig, rng: np.random.Generator) -> Sensor:
@@ -200,7 +217,7 @@ class Sensor:
         """Return how the right camera is turned when it takes its image.
 
         A residual error of rectification is a small rotation of the camera in place: about its optical axis, up by
-        vertical_offset / fy and left by horizontal_offset / fx, so that the image's middle moves by these offsets.
+        vertical_offset / fy and left by horizontal_offset / fx, so that the principal point moves by these offsets.
 
         Args:
             camera: The right camera.

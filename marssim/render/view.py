@@ -22,6 +22,7 @@ import numpy as np
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.compute.one_thread import several_threads
 from marssim.base.dataset.frame import StereoFrame
+from marssim.base.pose import rigid_pose
 from marssim.render.renderers.by_name import RendererName, make_renderer
 from marssim.render.sensor import Sensor, SensorConfig
 from marssim.render.stereo import render_stereo
@@ -94,9 +95,14 @@ class SceneRenderer:
                 rover that carries the cameras and its shadow; None for a view without it.
 
         Raises:
-            ValueError: The point lies outside the scene.
+            ValueError: The point lies outside the scene, an angle is not finite, or the height is not above 0.
             RuntimeError: The renderer is closed.
         """
+        for name, value in (("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg), ("roll_deg", roll_deg)):
+            if not np.isfinite(value):
+                raise ValueError(f"{name} must be finite, got {value}")
+        if not 0 < height < np.inf:
+            raise ValueError(f"height must be above 0 m and finite, got {height}")
         horizon = self.scene.terrain.coarse
         if not horizon.contains(np.array(x), np.array(y)):
             raise ValueError(f"x={x:g}, y={y:g} is outside the scene, which reaches {horizon.bounds[2]:g} m each way")
@@ -117,8 +123,12 @@ class SceneRenderer:
             rover_pan_deg: As in `render`.
 
         Raises:
+            ValueError: The pose is no rotation and translation, or the pan of the rover is not finite.
             RuntimeError: The renderer is closed.
         """
+        pose = rigid_pose(pose)
+        if rover_pan_deg is not None and not np.isfinite(rover_pan_deg):
+            raise ValueError(f"rover_pan_deg must be finite, got {rover_pan_deg}")
         rng = np.random.default_rng(rng)
         sensor = sensor or Sensor.draw(SensorConfig(), rng)
         rover = None
@@ -142,14 +152,14 @@ class SceneRenderer:
             sensor: Ranges of the detectors' values; None takes the defaults of SensorConfig.
 
         Raises:
-            ValueError: Rocks leave the camera no place to stand.
+            ValueError: Rocks leave the camera no place to stand, or the right one is below the ground everywhere.
             RuntimeError: The renderer is closed.
         """
         rng = np.random.default_rng(rng)
         view = view or ViewConfig()
         pan = draw_pan(view, _of_rover(rng))
         if pan is None:
-            pose = draw_pose(self.scene, view, rng)
+            pose = draw_pose(self.scene, view, rng, self.rig.baseline)
         else:
             pose = draw_pose_of_rover(self.scene, view, rng, Mast(self.rig.baseline, pan))
         drawn = Sensor.draw(sensor or SensorConfig(), rng)
@@ -180,6 +190,7 @@ def render_view(
     renderer: RendererName = "scan",
     sensor: Sensor | None = None,
     rng: np.random.Generator | int = 0,
+    rover_pan_deg: float | None = None,
 ) -> StereoFrame:
     """Render one stereo frame of a scene. For several frames of a scene, SceneRenderer is faster.
 
@@ -197,6 +208,7 @@ def render_view(
         renderer: "scan", "embree" or "pybullet"; see SceneRenderer.
         sensor: The detectors; None draws them from the ranges of SensorConfig.
         rng: Random generator, or the seed of one, for the detectors and their noise.
+        rover_pan_deg: As in SceneRenderer.render.
 
     Returns:
         Both images with depth, disparity, normals, surface ids and the mask of occluded pixels.
@@ -211,4 +223,4 @@ def render_view(
         azimuth = np.rad2deg(np.arctan2(sun[1], sun[0])) if sun_azimuth_deg is None else sun_azimuth_deg
         scene = scene.with_sun(float(elevation), float(azimuth))
     with SceneRenderer(scene, renderer, rig) as opened:
-        return opened.render(x, y, yaw_deg, pitch_deg, roll_deg, height, sensor, rng)
+        return opened.render(x, y, yaw_deg, pitch_deg, roll_deg, height, sensor, rng, rover_pan_deg)

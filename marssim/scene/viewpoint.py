@@ -12,6 +12,7 @@ from marssim.scene.rocks.population import CAMERA_EXTENT
 from marssim.scene.scene import Scene
 
 ROCK_HEIGHT = 0.15  # [m] a camera keeps away from higher rocks
+LEAST_HEIGHT = 0.2  # [m] of a right camera above the ground
 ROCK_GAP = 0.6  # [m] least distance of a camera from them
 ROVER_HEIGHT = (0.9, 1.5)  # [m] heights of the cameras at which a rover can stand below them
 TRIES = 1000  # places tried before a scene counts as too rocky
@@ -72,16 +73,18 @@ def pose_on_ground(
     return look_pose(np.array([x, y, ground + height]), yaw, pitch, roll)
 
 
-def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.ndarray:
+def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator, baseline: float = 0.0) -> np.ndarray:
     """Draw the pose of a left camera that stands in the middle of the scene and away from rocks and ledges.
 
     The point below the camera keeps 0.6 m of distance to the outline discs of bodies higher than 0.15 m; see
-    `is_clear_of_rocks`.
+    `is_clear_of_rocks`. A right camera, which a long baseline and a roll can put below the ground, is 0.2 m or more
+    above it.
 
     Args:
         scene: The scene.
         view: Ranges of the camera's height and angles.
         rng: Random generator.
+        baseline: How far the right camera is from the left one [m]; 0 for a left camera alone.
 
     Returns:
         (4, 4) camera to world.
@@ -90,18 +93,27 @@ def draw_pose(scene: Scene, view: ViewConfig, rng: np.random.Generator) -> np.nd
         ValueError: No such place was found.
     """
     reach = CAMERA_EXTENT * scene.half
+    clear = 0
     for _ in range(TRIES):
         x, y = rng.uniform(-reach, reach, 2)
-        if is_clear_of_rocks(scene, x, y):
-            break
-    else:
+        if not is_clear_of_rocks(scene, x, y):
+            continue
+        clear += 1
+        height, yaw = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.yaw_deg))
+        pitch, roll = np.deg2rad(rng.uniform(*view.pitch_deg)), np.deg2rad(rng.uniform(*view.roll_deg))
+        pose = pose_on_ground(scene, x, y, yaw, pitch, roll, height)
+        right = pose[:3, 3] + baseline * pose[:3, 0]
+        if right[2] >= float(scene.terrain.height_at(right[0], right[1])) + LEAST_HEIGHT:
+            return pose
+    if clear:
         raise ValueError(
-            f"scene {scene.config.preset}: in {TRIES} tries no place {ROCK_GAP:g} m from every rock was found for the "
-            f"camera; choose a smaller `rocks.k`"
+            f"scene {scene.config.preset}: in {clear} tries the right camera, {baseline:g} m beside the left one, was "
+            "nowhere above the ground; choose a shorter baseline, or a smaller `view.roll_deg`"
         )
-    height, yaw = rng.uniform(*view.height), np.deg2rad(rng.uniform(*view.yaw_deg))
-    pitch, roll = np.deg2rad(rng.uniform(*view.pitch_deg)), np.deg2rad(rng.uniform(*view.roll_deg))
-    return pose_on_ground(scene, x, y, yaw, pitch, roll, height)
+    raise ValueError(
+        f"scene {scene.config.preset}: in {TRIES} tries no place {ROCK_GAP:g} m from every rock was found for the "
+        "camera; choose a smaller `rocks.k`"
+    )
 
 
 def is_clear_of_rocks(scene: Scene, x: float, y: float) -> bool:

@@ -149,7 +149,7 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert clean["metrics"]["SGBM"]["normal_mean"]["ratio"] == pytest.approx(0.08 / 0.03)  # of the fitted planes
     assert clean["metrics"]["mine"]["visible_epe"]["value"] == pytest.approx(0.015)
     assert "ratio" not in clean["metrics"]["mine"]["rmse"]
-    assert clean["spread"]["mine"] == {"median": pytest.approx(0.03), "large": 0.0}
+    assert clean["spread"]["mine"] == {"median": pytest.approx(0.03), "failed": 0.0}
     third = clean["intervals"]["mine"]["intervals"][2]
     assert third["pixels"] == 400 and third["pooled"]["mae"] == pytest.approx((0.1 + 3 * 0.3) / 4)
     assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)

@@ -75,7 +75,7 @@ def test_crops_that_the_network_pads_are_a_warning(tmp_path, capsys, crop, padde
     assert run.model.size_multiple == 16
     announce(run, False, 3, 1)
     error = capsys.readouterr().err
-    warning = f"warning: --crop {crop[0]} {crop[1]}: the network pads these crops to {padded} px and learns to"
+    warning = f"warning: --crop {crop[0]} {crop[1]}: the network pads these crops to {padded} px, and errs at"
     assert (warning in error) == (padded is not None) and ("warning" in error) == (padded is not None)
 
 

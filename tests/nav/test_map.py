@@ -156,6 +156,11 @@ def test_a_code_in_degrees_is_refused(tmp_path, capsys):
     assert not (tmp_path / "map").exists()
 
 
+@pytest.mark.parametrize("code", [32631, 4037, 4048, 4647])
+def test_a_code_in_metres_is_taken(code):
+    assert MapOptions(Path("drive"), Path("map"), epsg=code).epsg == code
+
+
 def test_an_assumed_place_on_the_rover_is_a_warning(tmp_path, capsys):
     write_pair(tmp_path / "pair", pose=False)
     record = json.loads((tmp_path / "pair/prediction.json").read_text())

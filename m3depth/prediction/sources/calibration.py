@@ -18,9 +18,9 @@ from marssim.base.camera import WIDEST_BASELINE
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
 MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
-OFF_MIDDLE = (
-    0.27  # share of the width and the height from the border within which no principal point is of images of this size
-)
+# A calibration without a size is for images of another size if its principal point lies in the outer 27 % of both the
+# width and the height, towards the same corner.
+OFF_MIDDLE = 0.27
 
 
 def make_calibration(

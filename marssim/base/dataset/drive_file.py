@@ -103,7 +103,7 @@ def error_codes(depth: np.ndarray, truth: np.ndarray, scored: np.ndarray) -> np.
     """Return the error of depth as codes: 128 + 100 ln(depth / truth), from 1 to 255; 0 where it is not scored.
 
     Args:
-        depth: (...) depth that is scored [m]; NaN, which is not scored, where unknown depth counts as none.
+        depth: (...) [m]; NaN is not scored.
         truth: (...) true depth [m].
         scored: (...) bool, where the error counts.
 

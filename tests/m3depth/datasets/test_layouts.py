@@ -132,6 +132,14 @@ def test_sceneflow_is_all_of_its_parts_that_are_there(tmp_path) -> None:
     assert sorted(set(open_pairs(tmp_path, "all").scenes)) == ["eating_x2", "scene_backwards"]  # one road
 
 
+def test_one_road_of_driving_is_its_test(tmp_path) -> None:
+    for road in ("scene_backwards", "scene_forwards"):
+        for speed in ("fast", "slow"):
+            sceneflow_pair(tmp_path, f"15mm_focallength/{road}/{speed}")
+    parts = {split: set(open_pairs(tmp_path, split).scenes) for split in SPLITS}
+    assert parts == {"train": {"scene_backwards"}, "val": set(), "test": {"scene_forwards"}}
+
+
 def test_both_rectifications_of_a_scene_of_middlebury_are_one_scene(tmp_path) -> None:
     for name in ("Adirondack-perfect", "Adirondack-imperfect", "Backpack-perfect"):
         for eye in ("im0", "im1"):

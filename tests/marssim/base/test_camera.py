@@ -122,3 +122,10 @@ def test_cameras_beyond_all_reason_are_refused_by_the_fields_name(bad):
 def test_depth_of_another_size_is_refused():
     with pytest.raises(ValueError, match="must have the shape"):
         NATECAM.camera.unproject(np.ones((3, 4)))
+
+
+def test_images_have_whole_numbers_of_pixels():
+    camera = PinholeCamera(96.0, 64.0, 50.0, 50.0, 47.5, 31.5)
+    assert (type(camera.width), type(camera.height)) == (int, int) and camera.rays().shape == (64, 96, 3)
+    with pytest.raises(ValueError, match=r"^width must be a whole number of pixels, got 96\.5$"):
+        PinholeCamera(96.5, 64, 50.0, 50.0, 47.5, 31.5)

@@ -268,3 +268,12 @@ def test_a_stop_of_overexposure_doubles_the_light():
 def test_impossible_detectors_are_refused(name, value):
     with pytest.raises(ValueError, match=name):
         SensorConfig(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("exposure", float("nan")), ("psf", -1.0), ("full_well", 0.0), ("noise_difference", -1.0), ("jpeg_quality", 0.0)],
+)
+def test_a_value_that_no_detector_has_is_named(name, value):
+    with pytest.raises(ValueError, match=rf"^{name} must be finite, and "):
+        Sensor(**{"exposure": 0.5, "psf": 0.5, "full_well": 8000, "read_noise": 8, "vignetting": 0, name: value})

@@ -111,6 +111,26 @@ def test_what_cannot_be_rendered_is_refused_in_one_line(scene, arguments, messag
         render_view(**{"scene": scene, "x": 0.0, "y": 0.0, "yaw_deg": 0.0, "rig": RIG, **arguments})
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"yaw_deg": np.nan}, "yaw_deg must be finite, got nan"), ({"roll_deg": np.inf}, "roll_deg must be finite"),
+        ({"height": -1.0}, "height must be above 0 m and finite, got -1"),
+        ({"height": np.nan}, "height must be above 0"),
+        ({"rover_pan_deg": np.nan}, "rover_pan_deg must be finite"),
+    ],
+)  # fmt: skip
+def test_what_no_camera_has_is_refused(scene, change, message):
+    with SceneRenderer(scene, rig=RIG) as renderer, pytest.raises(ValueError, match=f"^{message}"):
+        renderer.render(**{"x": 0.0, "y": 0.0, "yaw_deg": 0.0, **change})
+
+
+@pytest.mark.parametrize("pose", [np.eye(4) * np.nan, np.eye(4) * 2, np.diag([1.0, 1, -1, 1]), np.eye(3)])
+def test_what_is_no_pose_is_refused(scene, pose):
+    with SceneRenderer(scene, rig=RIG) as renderer, pytest.raises(ValueError, match=r"^pose must be "):
+        renderer.render_from(pose)
+
+
 def test_a_closed_scene_renderer_says_so(scene):
     renderer = SceneRenderer(scene, rig=RIG)
     renderer.close()

@@ -27,3 +27,14 @@ def test_a_scene_without_a_place_to_stand_is_refused():
     with pytest.raises(ValueError, match="no place") as refused:
         draw_pose(scene, ViewConfig(), np.random.default_rng(1))
     assert "`rocks.k`" in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_a_right_camera_stands_above_the_ground_too():
+    scene = build_scene(SceneConfig(size=12.0, horizon=16.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
+    view, rng = ViewConfig(roll_deg=(-15.0, 15.0)), np.random.default_rng(1)
+    for _ in range(20):
+        pose = draw_pose(scene, view, rng, 5.0)
+        x, y, z = pose[:3, 3] + 5.0 * pose[:3, 0]
+        assert z - scene.terrain.height_at(x, y) >= 0.2
+    with pytest.raises(ValueError, match=r"the right camera, 9 m beside the left one, was nowhere above the ground"):
+        draw_pose(scene, ViewConfig(roll_deg=(15.0, 15.0)), rng, 9.0)
