@@ -21,6 +21,7 @@ from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scoring import evaluate
 from m3depth.network.device import chosen_device
 from m3depth.network.model import M3Depth
+from m3depth.network.output import padded_size
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import scored_depths
 from m3depth.training.config import TrainConfig, check_config
@@ -104,8 +105,7 @@ def padded_crops(options: AblateOptions) -> list[str]:
     height, width = options.crop
     padded: dict[tuple[int, int], list[str]] = {}
     for variant in distinct(options.chosen().values(), options.preset).values():
-        multiple = variant.resolved(options.preset)[0].size_multiple
-        size = -(-height // multiple) * multiple, -(-width // multiple) * multiple
+        size = padded_size(height, width, variant.resolved(options.preset)[0].size_multiple)
         if size != (height, width):
             padded.setdefault(size, []).append(variant.name)
     return [

@@ -173,6 +173,11 @@ def fitted(maps: Tensor, height: int, width: int) -> Tensor:
     return F.pad(maps, missing, mode="replicate") if any(missing) else maps
 
 
+def padded_size(height: int, width: int, multiple: int) -> tuple[int, int]:
+    """Return the height and the width [px] to which `padded` enlarges maps."""
+    return -(-height // multiple) * multiple, -(-width // multiple) * multiple
+
+
 def padded(maps: Tensor, multiple: int) -> Tensor:
     """Repeat the last row and column of maps (B, C, H, W) until H and W are multiples of a number.
 

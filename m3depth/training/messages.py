@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from m3depth.datasets.open import open_pairs
+from m3depth.network.output import padded_size
 from m3depth.training.config import TrainConfig
 from m3depth.training.curves import CURVES
 from m3depth.training.ending import share_done
@@ -33,12 +34,11 @@ def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
     start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
     lines = [f"{counted(samples, 'sample')}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
     height, width = run.config.crop
-    multiple = run.model.size_multiple
-    if height % multiple or width % multiple:
-        rows, columns = (-(-side // multiple) * multiple for side in (height, width))
+    rows, columns = padded_size(height, width, run.model.size_multiple)
+    if (rows, columns) != (height, width):
         lines.append(
             f"warning: --crop {height} {width}: the network pads these crops to {rows} x {columns} px, and errs at "
-            f"that border in images without padding; give multiples of {multiple}"
+            f"that border in images without padding; give multiples of {run.model.size_multiple}"
         )
     if run.changed:
         lines.append(f"goes on with other settings: {', '.join(run.changed)}")

@@ -6,6 +6,7 @@ import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -228,7 +229,7 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
         lambda path: load_suite(str(path)),
     ),
     "rig file": (_text("rig.json", json.dumps(RIG)), lambda path: read_rig_file([path])),
-    "poses": (_text("poses.txt", POSES), read_poses),
+    "poses": (_text("poses.txt", POSES), partial(read_poses, axes="camera")),
     "network": (_text("network.json", json.dumps(SMALL.to_dict())), read_config),
     "map": (_bytes("depth.tiff", _map), lambda path: read_map(path, "depth")),
     "weights": (_weights, M3Depth.from_pretrained),
