@@ -147,10 +147,8 @@ def _courses(records: Sequence[EpisodeRecord], pages: Mapping[tuple[str, str, st
     """Return the courses of drives, each with a link to its page if it is recorded."""
     links = []
     for r in records:
-        name, page = (
-            escape(f"{r.cell.removeprefix('condition=')}: {r.episode}"),
-            pages.get((r.driver, r.perception, r.cell, r.episode)),
-        )
+        name = escape(f"{r.cell.removeprefix('condition=')}: {r.episode}")
+        page = pages.get((r.driver, r.perception, r.cell, r.episode))
         links.append(name if page is None else f'<a href="{_address(page)}">{name}</a>')
     return ", ".join(links)
 

@@ -16,7 +16,7 @@ from marssim.base.files.npy import read_npy
 AXES = ("XYZ", "RGB")  # names of the three channels of an EXR file's layer
 FROM_OPENGL = np.array([1, -1, -1], np.float32)  # from x right, y up, z towards the camera
 FEWEST_FITTED = 0.05  # share of the pixels that need a fitted plane for the check against them
-MOST_ANGLE = 30.0  # [deg] median between true normals and planes that are fitted to the true depth; pebbles make 15
+MOST_ANGLE = 30.0  # [deg] median between true normals and planes fitted to the true depth; marssim has 3 to 10
 NOT_UNIT = 0.05  # difference of a length from 1 that shows numbers which are not the components of unit vectors
 CODED_LENGTH = 0.5  # least length of a vector that pixels code; unknown ones are grey, (0, 0, 0), or black
 

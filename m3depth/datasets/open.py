@@ -44,12 +44,8 @@ READERS: dict[Format, Callable[[Path, DataConfig, CalibrationFinder], Iterator[P
     "oaisys": oaisys,
     "folder": folder_pairs,
 }
-SPLIT_NAMES = {
-    "training": "train",
-    "validation": "val",
-    "valid": "val",
-    "testing": "test",
-}  # they count beside a folder of another name
+# other names of splits, which count beside a folder of another split
+SPLIT_NAMES = {"training": "train", "validation": "val", "valid": "val", "testing": "test"}
 SPLIT_FOLDERS = ("kitti", "middlebury", "eth3d")  # layouts whose roots may lie in folders train, val and test
 
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from m3depth.prediction.masks import unknown_where
+from m3depth.rectification.pair import LEAST_PERCENTILE, MARGIN
 from m3depth.stereo.pairs import in_grey
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
@@ -22,8 +23,6 @@ SEARCH_WIDTH = 256  # [px] to which larger images are reduced for a look at thei
 NEAR = 0.5  # share of the width up to which disparities are searched, beyond the common one
 BLOCK = 5  # [px] side of the matched window
 ISLAND = 0.003  # share of the pixels that have to match at negative disparities together, so that these are true
-LEAST_PERCENTILE = 1.0  # of these disparities, which counts as the least one
-MARGIN = 0.02  # share of the width that the least disparity keeps where the common one is made smaller
 LEAST = 0.25  # [px] disparity up to which a method may mean a negative one
 
 
@@ -65,7 +64,7 @@ def _least_disparity(
         disp12MaxDiff=1, preFilterCap=31, uniquenessRatio=10,
     )  # fmt: skip
     # Without padding OpenCV leaves columns empty at both sides. Matches inside of it are left out below.
-    padded = [cv2.copyMakeBorder(eye, 0, 0, reach, beyond, cv2.BORDER_REPLICATE) for eye in eyes]
+    padded = [cv2.copyMakeBorder(eye, 0, 0, reach, beyond + BLOCK, cv2.BORDER_REPLICATE) for eye in eyes]
     disparity = matcher.compute(*padded)[:, reach : reach + size[0]].astype(np.float32) / 16
     place = np.arange(size[0]) - disparity
     negative = (disparity > -beyond + 0.5) & (disparity < -1) & (place >= 0) & (place <= size[0] - 1)

@@ -127,6 +127,12 @@ def measured(compare_methods, monkeypatch) -> None:
     monkeypatch.setattr(compare_methods, "NATECAM", NATECAM.resized(64, 64))
 
 
+def test_failed_pairs_are_told_by_their_share_and_the_others_by_the_median(compare_methods):
+    figures = {"a": [0.1, 0.2, 0.5], "b": [0.3, 40.0, None]}
+    places = {name: {"figures": {"abs_rel": values}, "scenes": ["0", "1", "2"]} for name, values in figures.items()}
+    assert compare_methods.spread({"places": places}) == {"median": 0.3, "failed": 0.4}
+
+
 def flags(scores: Path, out: Path, *runs: Path) -> list[str]:
     return ["--scores", str(scores), "--out", str(out), "--runs", *map(str, runs)]
 

@@ -84,6 +84,13 @@ def test_what_the_images_do_not_show_says_nothing():
     assert taken_out(40.0, *steps(-45, 10)) >= 0.0  # farther than the horizon
 
 
+@pytest.mark.parametrize("size", [(1, 1), (1, 5), (3, 7), (40, 2), (5, 300)])
+def test_images_of_any_size_are_looked_at(size):
+    left, right = (np.random.default_rng(n).integers(0, 256, (*size, 3), dtype=np.uint8) for n in range(2))
+    for shift in (0.5 * size[1], 5.0 * size[1]):
+        assert 0 <= taken_out(shift, left, right) <= shift
+
+
 def test_far_ground_is_far_whatever_the_calibration_says_of_the_principal_points():
     """Images of the left camera that are cut farther to the right have a shift that the far ground does not have."""
     left, right = steps(-6, 20)
