@@ -51,11 +51,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _work(config: TrainConfig) -> None:
     """Open the datasets and train."""
-    from m3depth.datasets.open import open_pairs
+    from m3depth.datasets.open import open_folders
     from m3depth.training.loop import train
     from m3depth.training.samples import JoinedPairs
 
-    pairs = (JoinedPairs([open_pairs(folder, split, config.reader) for folder in config.data]) for split in SPLITS)
+    pairs = (JoinedPairs(open_folders(config.data, split, config.reader)) for split in SPLITS)
     try:
         train(config, *pairs)
     except RuntimeError as error:

@@ -27,7 +27,9 @@ class AblateOptions:
     """Run ablation studies. Give --steps or --minutes."""
 
     data: tuple[Path, ...]
-    """Dataset folders to train on, together: of marssim.generate or of any layout that --format lists."""
+    """Dataset folders to train on, together: of marssim.generate or of any layout that --format lists.
+    Those of marssim need no flags of the reader, which go to the others.
+    """
     out: Path
     """Folder to write the runs, the tables and the figures to."""
     test: Path | None = None

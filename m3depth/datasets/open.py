@@ -179,6 +179,36 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
     return PairList(path, split, chosen, config)
 
 
+def open_folders(paths: Sequence[Path], split: Split, config: DataConfig | None = None) -> list[StereoPairs]:
+    """Open one split of several datasets, which are read alike, except that those of marssim need no flags.
+
+    Args:
+        paths: Folders, or lists, of the datasets.
+        split: "train", "val", "test" or "all".
+        config: How the folders are read.
+
+    Raises:
+        DatasetError, ValueError: As of open_pairs.
+    """
+    return [open_pairs(path, split, config_of(path, paths, config or DataConfig())) for path in paths]
+
+
+def config_of(path: Path, paths: Sequence[Path], config: DataConfig) -> DataConfig:
+    """Return how one of several folders is read: without flags if it is marssim's and another one is not.
+
+    Args:
+        path: The folder, one of `paths`.
+        paths: All folders of the command.
+        config: How the folders are read.
+    """
+    of_marssim = [_is_of_marssim(other) for other in paths]
+    return DataConfig() if _is_of_marssim(path) and config.format != "marssim" and not all(of_marssim) else config
+
+
+def _is_of_marssim(path: Path) -> bool:
+    return (path / "dataset.json").is_file()
+
+
 def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
     """Return the split of each pair: the first part of its name (SceneFlow's TRAIN), else 7:2:1 by groups in order.
 

@@ -50,6 +50,26 @@ def test_training_on_two_layouts_at_once_without_normals(kitti, plane_set, tmp_p
     assert all(record["normal"] > 0 for record in records if record["kind"] == "train")
 
 
+def test_flags_of_the_reader_go_to_the_data_beside_those_of_marssim(
+    kitti, plane_set, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
+    sizes = ["--max-steps", "1", "--batch", "2", "--crop", "32", "64", "--validate-samples", "4", "--device", "cpu"]
+    files = "*/training/{}/*_10.png"
+    flags = ["--left", files.format("image_2"), "--right", files.format("image_3"), "--focal", "70"]
+    flags += ["--baseline", "0.27", "--disparity", files.format("disp_occ_0"), "--normals", "depth"]
+    data = ["--data", str(plane_set), str(kitti)]
+    assert train.main([*data, "--out", str(tmp_path / "run"), *flags, *sizes]) == 0
+    printed = capsys.readouterr()
+    assert "8 samples" in printed.err
+    scores = [line for line in printed.out.splitlines() if line.startswith("score them: ")]
+    assert "--focal" not in scores[0] and str(plane_set) in scores[0]
+    assert "--focal 70" in scores[1] and str(kitti) in scores[1]
+    arguments = ["--data", str(plane_set), str(plane_set), "--out", str(tmp_path / "alone"), *flags[4:6], *sizes]
+    assert train.main([*arguments, "--baseline", "0.27"]) == 2
+    assert f"{plane_set}: --focal does not belong to layout marssim" in capsys.readouterr().err
+
+
 def test_scoring_a_folder_by_patterns(kitti, tmp_path) -> None:
     torch.manual_seed(0)
     M3Depth(TINY).save_pretrained(tmp_path / "net.safetensors")
