@@ -2,6 +2,7 @@ from .command import Command
 from .config import NavigatorConfig
 from .controller import WheelCommand, crab, point_turn, steerable, wheel_command
 from .ground.elevation import ElevationConfig, ElevationMap
+from .ground.read_map import read_map
 from .ground.traversability import Traversability, TraversabilityConfig, assess
 from .navigator import Navigator
 from .path.distance_field import DistanceField
@@ -26,6 +27,7 @@ __all__ = [
     "assess",
     "crab",
     "point_turn",
+    "read_map",
     "steerable",
     "wheel_command",
 ]

@@ -11,6 +11,7 @@ frame, x ahead and y left, where the rover stands level. It writes into --out, a
 
     elevation.tif        height of the ground [m]; NaN: not seen
     top.tif              height of the highest point in a cell [m]
+    weight.tif           inverse square of the range error of the best looks at a cell [1 / m2]
     step.tif             height by which a cell stands out of the ground [m]
     slope_deg.tif        slope of the ground under the rover's footprint [deg]
     roughness.tif        RMS distance of the ground from the plane of the footprint [m]
@@ -19,7 +20,7 @@ frame, x ahead and y left, where the rover stands level. It writes into --out, a
     map.png              all of it as a picture, north up, with coordinates, the cameras and where they look
     map.json             what the map was made of
 
-The files end where nothing more was seen.
+The files end where nothing more was seen. nav.replay --prior, and nav.read_map in Python, read them again.
 """
 
 from __future__ import annotations
@@ -328,6 +329,7 @@ def _work(options: MapOptions) -> None:
         write_json(options.out / RESULT, {
             "data": str(options.data), "pairs": len(pairs), "cell_m": options.cell,
             "rows_columns": list(window.shape), "west_south_m": [window.west, window.south],
+            "origin_m": list(options.origin), "frame": "rover" if pairs[0].is_on_rover else "world",
             "max_range_m": options.max_range,
             "min_confidence": None if len(unrated) == len(pairs) else elevation.config.min_confidence,
             "epsg": options.epsg,

@@ -4,6 +4,7 @@
     python -m nav.replay data/drive --goal 20 0
     python -m nav.replay data/drive --goal 20 0 --bag out/replay
     python -m nav.replay data/drive --goal 20 0 --view      and shows it in 3-D, in the browser
+    python -m nav.replay data/drive --goal 20 0 --prior out/map     with a map that nav.map made before
 
     python -m envs.evaluate --perception sgbm --episodes 1 --record all --out out/eval
     python -m nav.replay out/eval/drives/DRIVE.zip
@@ -48,7 +49,9 @@ from marssim.base.view.show import check_viewer, show
 from nav.bag import write_decision
 from nav.command import Command
 from nav.drive_shots import DriveRecorder
+from nav.ground.elevation import ElevationConfig, ElevationMap
 from nav.ground.masks import Area
+from nav.ground.read_map import is_of_rover, read_map
 from nav.navigator import Navigator
 
 DRIVE_APART = 6.0  # [m] between two images, beyond which they are no drive; marssim.generate takes them within 5 m
@@ -92,7 +95,7 @@ Watch = Callable[[Frame, Navigator, Command], None]
 
 def replay(
     frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None,
-    area: Area | None = None,
+    area: Area | None = None, prior: ElevationMap | None = None,
 ) -> list[Command]:  # fmt: skip
     """Return the navigator's command for each frame, until the navigator ends the drive.
 
@@ -105,11 +108,13 @@ def replay(
         spec: The rover.
         watch: Is called with frame, navigator and command after each decision.
         area: (x0, y0, x1, y1) in the world within which the rover's middle must stay [m]; None for no limit.
+        prior: Heights that are known before the drive, in the world of the poses.
 
     Raises:
-        ValueError: The area is empty, or the pose of a frame is no rotation and translation.
+        ValueError: The area is empty, the cells of the prior are not of the navigator's size, or the pose of a frame is
+            no rotation and translation.
     """
-    navigator, commands = Navigator(spec, area=area), []
+    navigator, commands = Navigator(spec, area=area, prior=prior), []
     obeyed = False  # whether the rover did between two frames what the navigator commanded at the first
     for frame in frames:
         body, place = frame.body(spec), np.asarray(goal, float)
@@ -215,6 +220,9 @@ class ReplayConfig:
     """Place of the cameras of a dataset on the rover: metres ahead of its origin, which is on the ground, metres above
     the ground, above 0, and degrees that they look down, -90 to 90. Left out: that in the dataset, or else Zhurong's
     (0.65 1.2 20), with a warning."""
+    prior: Path | None = None
+    """Folder of a map of nav.map, in the world of the recorded poses and with cells of 0.1 m: heights that the
+    navigator knows before the drive."""
     bag: Path | None = None
     """ROS 2 bag to write, a new folder: images, depth, planned path, command, status and pose of each frame. The images
     of a drive's file are reduced, and are left out. It needs the extra `real`."""
@@ -254,6 +262,7 @@ def _work(config: ReplayConfig) -> None:
     else:
         frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
         goal, spec = _world(frames[0], config.goal or AHEAD), replace(ZHURONG, mount=_mount(config))
+    prior = None if config.prior is None else _prior(config.prior)
     recorder = DriveRecorder(goal, spec)
     with ExitStack() as opened:
         watches: list[Watch] = []
@@ -269,7 +278,7 @@ def _work(config: ReplayConfig) -> None:
             for each in watches:
                 each(frame, navigator, command)
 
-        commands = replay(frames, goal, spec, watch, area)
+        commands = replay(frames, goal, spec, watch, area, prior)
     print(f"{'frame':>5}  {'status':8} {'speed':>9} {'yaw rate':>11} {'pan':>8}")
     for number, c in enumerate(commands):
         pan = f"{np.rad2deg(c.pan or 0.0):4.0f} deg"
@@ -278,6 +287,16 @@ def _work(config: ReplayConfig) -> None:
     print(f"{counted(len(commands), 'command')} for {counted(len(frames), 'frame')}{written}")
     if config.view:
         show(recorder.shots, title)
+
+
+def _prior(folder: Path) -> ElevationMap:
+    """Return the map of --prior. Raises ValueError, or DatasetError, one line, if the navigator cannot use it."""
+    elevation, cell = read_map(folder), ElevationConfig.cell
+    if is_of_rover(folder):
+        raise ValueError(f"--prior {folder}: lies in the frame of a rover; predict its pair with --poses")
+    if elevation.config.cell != cell:
+        raise ValueError(f"--prior {folder}: has cells of {elevation.config.cell:g} m; make it with --cell {cell:g}")
+    return elevation
 
 
 def _mount(config: ReplayConfig) -> CameraMount:

@@ -46,6 +46,7 @@ def layers(elevation: ElevationMap, ground: Traversability) -> dict[str, np.ndar
     return {
         "elevation": np.where(measured, elevation.low, nan),
         "top": np.where(measured, elevation.top, nan),
+        "weight": np.where(measured, elevation.weight, nan),
         "step": np.where(measured, ground.step, nan),
         "slope_deg": np.where(measured, np.rad2deg(ground.slope), nan).astype(np.float32),
         "roughness": np.where(measured, ground.roughness, nan),

@@ -93,8 +93,8 @@ def test_one_pair_becomes_a_map_around_the_rover(tmp_path, capsys, form):
     assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
     out = tmp_path / "map"
     assert {path.name for path in out.iterdir()} == {
-        "elevation.tif", "top.tif", "step.tif", "slope_deg.tif", "roughness.tif", "cost.tif", "traversability.tif",
-        "map.png", "map.json",
+        "elevation.tif", "top.tif", "weight.tif", "step.tif", "slope_deg.tif", "roughness.tif", "cost.tif",
+        "traversability.tif", "map.png", "map.json",
     }  # fmt: skip
     heights = layer(out, "elevation")[0]
     ground = np.abs(heights) < 0.03

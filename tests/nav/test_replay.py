@@ -16,11 +16,13 @@ from marssim.base.bags.images import image_array
 from marssim.base.bags.reader import Bag
 from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.frame import StereoFrame
+from marssim.base.dataset.map_file import encode_map
 from marssim.base.dataset.sample import write_sample
 from marssim.base.files.json_file import read_json, write_json
 from marssim.base.rover_spec import ZHURONG
 from nav import Navigator
 from nav import replay as command
+from nav.map import main as nav_map
 from nav.replay import Frame, driven, main, recorded, replay
 
 WORLD = RockWorld(domes=np.array([[5.0, 0.0, 0.6, 0.6]]))
@@ -221,6 +223,56 @@ def test_a_recorded_episode_is_replayed_to_its_own_goal(tmp_path, capsys):
     assert shown.out.splitlines()[-1] == "8 commands for 8 frames" and shown.err == ""
     assert main([str(file), "--goal", "-0.5", "0"]) == 0
     assert "arrived" in capsys.readouterr().out.splitlines()[1]
+
+
+def test_a_map_that_nav_map_made_before_shows_the_rock_to_a_blind_drive(tmp_path, capsys):
+    """The same frames without depth, once with the map of the frames with depth."""
+    pairs, blind = tmp_path / "pairs", np.full((192, 192), np.nan, np.float32)
+    for number, frame in enumerate(frames(3)):
+        (pairs / str(number)).mkdir(parents=True)
+        (pairs / str(number) / "depth.npy").write_bytes(encode_map(frame.depth, "depth", "npy"))
+        pose = frame.camera_pose.tolist()
+        (pairs / str(number) / "prediction.json").write_text(json.dumps({"rig": SMALL_RIG.to_dict(), "pose": pose}))
+    # the origin of the map's files is not that of the poses
+    assert nav_map([str(pairs), "--out", str(tmp_path / "map"), "--origin", "700", "-80"]) == 0
+    steps = [drive_step(x=0.3 * n) for n in range(2)]
+    pictures = {k: v for n in range(2) for k, v in look_pictures(n, blind).items()}
+    file = tmp_path / "drive.zip"
+    drive_of(file, steps, pictures, rig=SMALL_RIG, goal=(20.0, 0.0))
+    capsys.readouterr()
+    assert main([str(file)]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split()[1] == "blind"
+    shots = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Navigator, "step", keeping_maps(shots))
+        assert main([str(file), "--prior", str(tmp_path / "map")]) == 0
+    tops, low = shots[0]
+    assert tops > 0.4 and abs(low) < 0.05
+    for fault, flags in (("has cells of 0.2 m; make it with --cell 0.1", ["--cell", "0.2"]), ("frame of a rover", [])):
+        if not flags:
+            for folder in pairs.iterdir():
+                shutil.rmtree(folder) if folder.name != "0" else None
+            record = json.loads((pairs / "0/prediction.json").read_text())
+            record = {"rig": record["rig"], "camera_to_rover": record["pose"]}
+            (pairs / "0/prediction.json").write_text(json.dumps(record))
+        assert nav_map([str(pairs), "--out", str(tmp_path / "other"), *flags]) == 0
+        assert main([str(file), "--prior", str(tmp_path / "other")]) == 2
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith(f"error: --prior {tmp_path / 'other'}: ") and fault in error
+
+
+def keeping_maps(shots):
+    """A Navigator.step that keeps the highest point around the rock, and the ground before it."""
+    plain = Navigator.step
+
+    def step(navigator, *more):
+        command = plain(navigator, *more)
+        (left, low), (right, high) = navigator.map.cell_of(np.array([[4.2, -0.5], [5.0, 0.5]]))
+        x, y = navigator.map.cell_of(np.array([3.0, 0.0]))
+        shots.append((np.nanmax(navigator.map.top[low:high, left:right]), navigator.map.low[y, x]))
+        return command
+
+    return step
 
 
 def test_the_frames_of_a_view_have_the_numbers_of_the_table(tmp_path, capsys, monkeypatch):

@@ -41,11 +41,13 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.drive_file import read_drive
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import read_sample, write_sample
+from marssim.base.files.geotiff import encode_geotiff
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import decode_pfm, encode_pfm
 from marssim.base.files.png import encode_png
 from marssim.scene.heightmap import file_digest, read_heightmap
 from marssim.scene.place_file import load_place
+from nav.ground.read_map import read_map as read_elevation
 
 Make = Callable[[Path], Path]  # writes the file, with what it needs, into a folder and returns its path
 SIZE = (6, 8)
@@ -161,6 +163,20 @@ def _checkpoint(folder: Path) -> Path:
     return run.checkpoint
 
 
+def _nav_map(name: str) -> Make:
+    """Return a maker of a map of nav.map, which returns the path of one of its files."""
+
+    def make(folder: Path) -> Path:
+        for layer in ("top", "elevation", "weight"):
+            heights = np.ones(SIZE, np.float32)
+            (folder / f"{layer}.tif").write_bytes(encode_geotiff(heights, 0.0, 0.6, 0.1, float("nan")))
+        place = {"cell_m": 0.1, "rows_columns": list(SIZE), "west_south_m": [0, 0], "origin_m": [0, 0]}
+        (folder / "map.json").write_text(json.dumps(place))
+        return folder / name
+
+    return make
+
+
 def _heightmap(suffix: str) -> Make:
     def make(folder: Path) -> Path:
         path, heights = folder / f"map{suffix}", np.arange(48.0, dtype=np.float32).reshape(SIZE)
@@ -237,6 +253,8 @@ FORMATS: dict[str, tuple[Make, Callable[[Path], object]]] = {
     "checkpoint": (_checkpoint, lambda path: _run(path.parent).resume()),
     "training log": (_text("log.jsonl", LOG), lambda path: records(path.parent, "train")),
     "unfinished evaluation": (_unfinished, lambda path: SavedState(path.parent, {"--seed": 0}).load()),
+    "map of nav.map": (_nav_map("map.json"), lambda path: read_elevation(path.parent)),
+    "layer of a map": (_nav_map("top.tif"), lambda path: read_elevation(path.parent)),
     "episode": (_text("episode.json", json.dumps(asdict(RECORD))), read_record),
     "results of a suite": (_bytes("results.json", _results), read_results),
     "recorded drive": (_bytes("drive.zip", drive_bytes), lambda path: read_drive(path).depth(0)),
