@@ -19,9 +19,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import trimesh
 
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.images.colours import depth_colours, normal_colours
+from marssim.engines.embree import TriangleRays
+from marssim.mesh import GAMMA, scene_mesh
 from marssim.render.sensor import Sensor
 from marssim.render.view import SceneRenderer
 from marssim.scene.presets import PRESETS, preset
@@ -116,6 +119,20 @@ def ditches() -> np.ndarray:
     with SceneRenderer(scene) as renderer:
         views = ((0.4, 9.4, 0), (5.6, 6.0, 120), (-1.5, -4.6, 180))
         return np.hstack([renderer.render(x, y, yaw, pitch_deg=15).left for x, y, yaw in views])
+
+
+def mesh() -> np.ndarray:
+    """Return a view of a scene's mesh, shaded by its faces, and the same view by the renderer."""
+    scene = build_scene(preset("gale"), np.random.default_rng((1, 0)))
+    with SceneRenderer(scene) as renderer:
+        frame = renderer.render(x=0, y=0, yaw_deg=40)
+    parts = trimesh.util.concatenate(list(scene_mesh(scene).values()))
+    rays = (NATECAM.camera.rays() @ frame.pose[:3, :3].T).reshape(-1, 3)
+    face, _ = TriangleRays(parts.vertices, parts.faces).meet(frame.pose[None, :3, 3], rays)
+    light = 0.4 + 0.6 * np.clip(parts.face_normals[face] @ scene.look.sun, 0, 1)[:, None]
+    colours = 255 * (parts.visual.vertex_colors[parts.faces[face, 0], :3] / 255) ** (1 / GAMMA)
+    shaded = np.where(face[:, None] >= 0, np.clip(1.3 * colours * light, 0, 255), 200).astype(np.uint8)
+    return np.hstack([shaded.reshape(frame.left.shape), frame.left])
 
 
 def heightmap(folder: Path) -> np.ndarray:
@@ -257,6 +274,7 @@ def guides(folder: Path) -> None:
     save("guide_place.jpg", place(folder))
     save("guide_ditches.jpg", ditches())
     save("guide_heightmap.jpg", heightmap(folder))
+    save("guide_mesh.jpg", mesh())
     save("guide_camera.jpg", cameras())
     save("guide_navigator.jpg", navigator())
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from marssim.base.version import VERSION, VERSION_FLAG, VERSION_LINE
 
 COMMANDS = {
-    "marssim": ("generate", "verify", "export", "abundance", "slopes"),
+    "marssim": ("generate", "verify", "export", "mesh", "abundance", "slopes"),
     "m3depth": ("train", "evaluate", "predict", "rectify", "export", "ablate", "texture"),
     "nav": ("replay", "map"),
     "envs": ("evaluate", "make_suite", "join", "compare", "report", "inspect", "demo", "rocks", "train_ppo"),

@@ -22,6 +22,7 @@ CONFIGS = {  # the config of each command, and the least that it needs
     "marssim.generate": ("marssim.generation.config:GenerateOptions", ["--out", "out"]),
     "marssim.verify": ("marssim.verify:VerifyConfig", ["data"]),
     "marssim.export": ("marssim.export:ExportConfig", ["data", "--format", "kitti", "--out", "out"]),
+    "marssim.mesh": ("marssim.mesh:MeshOptions", ["--out", "place.glb"]),
     "marssim.abundance": ("marssim.abundance:AbundanceConfig", []),
     "marssim.slopes": ("marssim.slopes:SlopesConfig", []),
     "m3depth.train": ("m3depth.training.config:TrainConfig", ["--data", "data", "--out", "out", "--max-steps", "1"]),

@@ -1,0 +1,132 @@
+"""A scene's mesh is read back by trimesh, and rays meet it where the renderer sees the scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from marssim import SceneConfig, SceneRenderer, build_scene, preset, save_place
+from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.engines.embree import TriangleRays
+from marssim.generation.config import GenerateConfig
+from marssim.generation.scene_views import draw_scene
+from marssim.mesh import SUFFIXES, encode_mesh, main, scene_mesh
+from marssim.render.surfaces.albedo import GROUND_COLOUR
+
+RIG = StereoRig(PinholeCamera.centred(96, 96, 110.0), 0.27)
+
+
+def place(name: str = "gale") -> SceneConfig:
+    """Return a small place with some of everything."""
+    whole = preset(name)
+    return SceneConfig(**{**{n: getattr(whole, n) for n in ("preset", "relief", "rocks", "outcrop", "look")},
+                          "size": 12.0, "cell": 0.1, "horizon": 16.0})  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return build_scene(place(), 3)
+
+
+@pytest.fixture(scope="module")
+def frame(scene):
+    with SceneRenderer(scene, rig=RIG) as renderer:
+        return renderer.render(x=0.0, y=-1.0, yaw_deg=40.0)
+
+
+def read(content: bytes, suffix: str) -> trimesh.Trimesh:
+    """The content of a file as one mesh with z up."""
+    mesh = trimesh.load(trimesh.util.wrap_as_stream(content), file_type=suffix, process=False)
+    mesh = mesh.to_geometry() if isinstance(mesh, trimesh.Scene) else mesh
+    if suffix == "glb":
+        x, y, z = mesh.vertices.T
+        mesh.vertices = np.stack([x, -z, y], axis=1)
+    return mesh
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_rays_meet_the_mesh_where_the_renderer_sees_the_scene(scene, frame, suffix):
+    mesh = read(encode_mesh(scene_mesh(scene), suffix), suffix)
+    rays = (RIG.camera.rays() @ frame.pose[:3, :3].T).reshape(-1, 3)
+    face, distance = TriangleRays(mesh.vertices, mesh.faces).meet(frame.pose[None, :3, 3], rays)
+    met, seen = (face >= 0).reshape(96, 96), np.isfinite(frame.depth)
+    assert (met == seen).mean() > 0.995
+    both = met & seen
+    apart = np.abs(distance.reshape(96, 96)[both] - frame.depth[both]) / frame.depth[both]
+    assert both.sum() > 5000 and np.median(apart) < 0.005  # of the gravel and ripples that the mesh lacks
+    rock = (frame.surface > 0)[both]
+    assert rock.sum() > 100 and np.median(apart[rock]) < 0.005
+
+
+def test_the_parts_keep_their_names_and_colours(scene):
+    parts = scene_mesh(scene)
+    assert list(parts) == ["ground", "surroundings", "rocks", "outcrop"]
+    content = encode_mesh(parts, "glb")
+    read_back = trimesh.load(trimesh.util.wrap_as_stream(content), file_type="glb", process=False)
+    assert sorted(read_back.geometry) == sorted(parts)
+    for name, part in parts.items():
+        assert len(read_back.geometry[name].faces) == len(part.faces)
+    colour = np.asarray(read_back.geometry["ground"].visual.vertex_colors)[0, :3]
+    assert colour == pytest.approx(np.round(255 * np.array(GROUND_COLOUR)), abs=1)
+    # other files hold colours for the screen, which are brighter
+    brighter = np.asarray(read(encode_mesh(parts, "ply"), "ply").visual.vertex_colors)[0, :3]
+    assert (brighter > colour).all()
+    groups = [line for line in encode_mesh(parts, "obj").decode().splitlines() if line.startswith("o ")]
+    assert sorted(groups) == sorted(f"o {name}" for name in parts)
+
+
+def test_rocks_are_closed_and_face_outwards(scene):
+    rocks = scene_mesh(scene)["rocks"]
+    assert len(rocks.faces) == len(scene.rocks.faces)
+    assert rocks.is_watertight and rocks.is_winding_consistent and rocks.volume > 0
+    each = rocks.split()
+    assert len(each) == len(scene.rocks)
+    assert min(rock.volume for rock in each) > 0
+
+
+def test_without_surroundings_the_mesh_ends_with_the_fine_square(scene):
+    parts = scene_mesh(scene, surroundings=False)
+    assert "surroundings" not in parts
+    assert np.abs(parts["ground"].bounds[:, :2]).max() == pytest.approx(scene.half)
+    inside = (np.abs(scene.rocks.centre[:, :2]) <= scene.half).all(axis=1)
+    assert 0 < inside.sum() < len(inside) and len(parts["rocks"].split()) == inside.sum()
+    # what is kept is as it was
+    kept = scene.rocks.vertices[np.unique(scene.rocks.faces[inside[scene.rocks.face_rock]])]
+    np.testing.assert_array_equal(parts["rocks"].vertices, kept)
+
+
+def test_a_place_without_rocks_has_none(scene):
+    bare = place("utopia")
+    bare = replace(bare, rocks=replace(bare.rocks, k=0.0), outcrop=replace(bare.outcrop, slabs=(0, 0), ledges=(0, 0)))
+    assert "rocks" not in scene_mesh(build_scene(bare, 0))
+
+
+def test_the_command_writes_the_place_of_a_dataset(tmp_path, capsys):
+    save_place(place(), tmp_path / "place.json")
+    out = tmp_path / "mine.GLB"
+    arguments = ["--scene", str(tmp_path / "place.json"), "--seed", "5", "--number", "2", "--out", str(out)]
+    assert main(arguments) == 0
+    dataset = GenerateConfig(out=tmp_path / "data", seed=5, pairs=6, views_per_scene=2, scenes=(place(),))
+    same = draw_scene(dataset, 2)
+    assert out.read_bytes() == encode_mesh(scene_mesh(same), "glb")
+    total = sum(len(part.faces) for part in scene_mesh(same).values())
+    assert capsys.readouterr().out.startswith(f"{out}: {total} faces (ground ")
+    assert main([*arguments, "--no-surroundings"]) == 0
+    assert out.read_bytes() == encode_mesh(scene_mesh(same, surroundings=False), "glb")
+
+
+def test_mistakes_are_one_line(tmp_path, capsys):
+    (tmp_path / "folder.obj").mkdir()
+    for arguments, message in (
+        (["--out", str(tmp_path / "place.usd")], "--out must end in .glb, .obj, .ply, .stl, got "),
+        (["--out", str(tmp_path / "folder.obj")], "--out must be a file, and "),
+        (["--out", str(tmp_path / "a.glb"), "--seed", "-1"], "--seed must be"),
+        (["--out", str(tmp_path / "a.glb"), "--number", "-1"], "--number must be"),
+        (["--out", str(tmp_path / "a.glb"), "--scene", "nowhere"], ""),
+        (["--out", str(tmp_path / "none" / "a.glb"), "--scene", str(tmp_path / "no.json")], str(tmp_path / "no.json")),
+    ):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert error.startswith("error: ") and message in error and error.count("\n") == 1
+    assert not list(tmp_path.glob("*.glb"))
