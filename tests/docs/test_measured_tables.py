@@ -114,7 +114,7 @@ def test_intervals_hold_the_true_mean_as_often_as_the_page_says(courses: int, sh
 
 @pytest.mark.parametrize("method", ["m3depth", "sgbm", "sad-sgm"])
 def test_success_over_conditions_with_the_same_courses_has_intervals_that_hold_it(method: str) -> None:
-    """As docs/concepts/scoring-rules.md says of samples of the courses of the five complete conditions."""
+    """As docs/concepts/scoring-rules.md says of samples of the courses of these five conditions."""
     conditions = ("smooth_dust", "storm", "dusty_lens", "warm_rig", "compressed")
     driven: dict[str, dict[tuple[str, int], tuple[float, float]]] = {"ground_truth": {}, method: {}}
     for file in (ROOT / "marsnav-v1").glob("test-*.json"):
