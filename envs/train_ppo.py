@@ -14,6 +14,7 @@ reads tensors and JSON alone: nothing in the file is executed.
 from __future__ import annotations
 
 import io
+import json
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -208,8 +209,8 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
                 )
 
     with _environments(config) as vector:
-        _drop_half_line(log)
         model = _model(config, path, vector, rollout, rate)
+        _drop_lines_after(log, model.num_timesteps)
         if model.num_timesteps >= config.max_steps:
             print(f"{config.out}: already at --max-steps {config.max_steps}; raise it to go on")
             return
@@ -226,11 +227,28 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
         save(model)
 
 
-def _drop_half_line(log: Path) -> None:
-    """Take the last line out of a log if a full disk or a power cut left half of it."""
-    content = log.read_bytes() if log.exists() else b""
-    if not content.endswith(b"\n") and content:
-        write_atomically(log, content[: content.rfind(b"\n") + 1])
+def _drop_lines_after(log: Path, choices: int) -> None:
+    """Take lines out of a log whose choices are made again, and half a line.
+
+    Of the first kind are those after the last saved policy. A full disk or a power cut leaves half a line.
+
+    Args:
+        log: The log; it may not exist.
+        choices: Number of choices that the saved policy has made.
+    """
+    lines = log.read_bytes().splitlines(keepends=True) if log.exists() else []
+    kept = [line for line in lines if line.endswith(b"\n") and _choices(line) <= choices]
+    if len(kept) < len(lines):
+        write_atomically(log, b"".join(kept))
+
+
+def _choices(line: bytes) -> float:
+    """Return the number of choices up to a line of the log; 0 where the line is none of this command."""
+    try:
+        count = json.loads(line)["choices"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return 0
+    return float(count) if is_number(count) else 0
 
 
 def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Callable[[float], float]) -> Any:

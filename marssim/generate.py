@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from marssim.base.calibration.calibration_files import calibration_texts
 from marssim.base.command.progress import progress
@@ -39,7 +40,14 @@ from marssim.engines.egl import draws_on_a_card, probe
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.generation.contact_sheet import contact_sheet
-from marssim.generation.scene_views import MARK_NOTES, draw_drive, draw_scene, draw_view, generate_scene
+from marssim.generation.scene_views import (
+    MARK_NOTES,
+    SOURCES,
+    draw_drive,
+    draw_scene,
+    draw_view,
+    generate_scene,
+)
 from marssim.inspection.integrity import CALIBRATION, check_written
 from marssim.render.raw import RawRenderer
 from marssim.scene.presets import PRESETS, preset
@@ -66,9 +74,31 @@ def generate_dataset(config: GenerateConfig) -> StereoDataset:
     config = _with_rasterizer(_absolute(config))
     _check(config)
     folder = _folder(config)
-    with folder.claim(command=command_flags(config, elsewhere=False)):
-        folder.note(command=command_flags(config, elsewhere=False))
+    with folder.claim(command=command_flags(config, elsewhere=False)) as previous:
+        sources = _sources(config, previous)
+        folder.note(command=command_flags(config, elsewhere=False), **{SOURCES: sources})
         return _generate(config, folder)
+
+
+def _sources(config: GenerateConfig, previous: dict[str, Any] | None) -> list[str]:
+    """Return the digests of marssim's source files that rendered the pairs of a dataset, those of now included.
+
+    Prints a warning if pairs are left to render and others were rendered by other source files.
+    """
+    recorded = [] if previous is None else previous.get(SOURCES)
+    earlier = [digest for digest in recorded if isinstance(digest, str)] if isinstance(recorded, list) else []
+    now = source_digest(("marssim",))
+    names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views]
+    present = sum(is_complete(config.out / "scenes" / name) for name in names)
+    if present == len(names):
+        return earlier
+    if earlier and now not in earlier and present:
+        print(
+            f"warning: {config.out}: {counted(present, 'pair')} in it came from other source files of marssim than the "
+            "ones to come, which may render differently; another --out would have them all from these files",
+            file=sys.stderr,
+        )
+    return earlier if now in earlier else [*earlier, now]
 
 
 def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
@@ -127,7 +157,7 @@ def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[Gener
     is idle: of five scenes for two workers, the fifth is split. A drive is not split, nor are the scenes for a cluster,
     whose number of workers is not known.
     """
-    sources = None if config.scheduler is None else source_digest(("marssim",))
+    sources = None if config.scheduler is None and config.workers == 1 else source_digest(("marssim",))
     shares = config.workers if config.scheduler is None and not config.trajectory else 1
     left_over = len(scenes) % shares
     tasks = []

@@ -63,7 +63,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     with joined_group(config.device) as (rank, world, device), entered_by_first(rank, world, folder.claim()):
         config = in_steps(config, len(samples), world)
         run = Run(config, device, world)
-        resumed = run.resume()
+        resumed, data = run.resume(), str(state_of_pairs(samples))
+        run.train_on(data)
         check_common_step(run)
         if budget := spent_budget(config, run.step, run.seconds):
             return report_spent_budget(run, budget, held_out) if rank == 0 else {}
@@ -77,7 +78,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
                 announce(run, resumed, len(samples), len(held_out))
                 for name in without_normals(cache, samples) if config.reader.normals == "depth" else ():
                     log.say(f"warning: {name} and the pairs after it: {NO_NORMALS}")
-                log.start(run.step, config.seed, str(state_of_pairs(samples)))
+                log.start(run.step, config.seed, data)
             stream = opened.enter_context(
                 closing(
                     batches(

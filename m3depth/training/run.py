@@ -16,6 +16,7 @@ import torch
 
 from m3depth.kinds.config import config_from_dict, preset_config, read_config
 from m3depth.kinds.networks import draw_normal, load_network, new_network
+from m3depth.network.device import fast_dtype
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import NormalConfig
@@ -147,6 +148,7 @@ class Run:
         step: Steps taken.
         seconds: Time spent [s].
         init_sha256: SHA-256 of the file of --init as the run began; None without one.
+        data: What identifies the training pairs, as of state_of_pairs; None if that is not known.
         changed: Settings in which a resumed run differs from the one that it continues: flags, each with both values.
     """
 
@@ -160,6 +162,7 @@ class Run:
         self.step = 0
         self.seconds = 0.0
         self.init_sha256 = _sha256(config.init)
+        self.data: str | None = None
         self.changed: list[str] = []
 
     @property
@@ -189,9 +192,22 @@ class Run:
         for part, config in (("loss", c.loss), ("augment", c.augment)):
             values |= {f"{part}.{name}": value for name, value in asdict(config).items()}
         values |= asdict(c.reader)
+        values["device"] = self.device.type
+        if c.precision == "auto":
+            values["precision"] = "fp32" if fast_dtype(self.device) is None else "bf16"
         if c.epochs is not None:  # it gave the steps
             values["max_steps"] = None
         return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in values.items()}
+
+    def train_on(self, data: str) -> None:
+        """Note which pairs the run trains on from now on. If they are not those of before, `changed` says so.
+
+        Args:
+            data: What identifies them, as of state_of_pairs.
+        """
+        if self.data not in (None, data):
+            self.changed.append("other pairs, or changed files, in --data")
+        self.data = data
 
     def save(self) -> None:
         """Write the averaged weights with their config, then the checkpoint, each atomically."""
@@ -204,6 +220,7 @@ class Run:
             "optimizer": self.optimizer.state_dict(),
             "step": self.step,
             "seconds": self.seconds,
+            "data": self.data,
             "rng": torch.get_rng_state(),
         }
         buffer = io.BytesIO()
@@ -238,7 +255,7 @@ class Run:
             changes = [(flag, old) for flag, old in before.items() if now.get(flag, old) != old]
             torch.set_rng_state(state["rng"])
         self.step, self.seconds = state["step"], state["seconds"]
-        self.init_sha256 = digest or self.init_sha256
+        self.init_sha256, self.data = digest or self.init_sha256, state.get("data")
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in changes]
         return True
 

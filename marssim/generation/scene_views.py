@@ -27,7 +27,8 @@ from marssim.scene.scene import Scene, build_scene
 from marssim.scene.trajectory import TRAJECTORY, Mast, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
-MARK_NOTES = ("command",)  # keys of generate.json on which no pair depends
+SOURCES = "sources"  # key of generate.json: digests of marssim's source files that rendered pairs
+MARK_NOTES = ("command", SOURCES)  # keys of generate.json that may differ from run to run
 RAW_DRAWS = 0x726177  # separates the noise of the raw images
 
 
@@ -41,7 +42,7 @@ def generate_scene(config: GenerateConfig, scene_index: int, views: list[int], s
         config: The dataset.
         scene_index: Number of the scene, from 0.
         views: Numbers of its views.
-        sources: Digest of marssim's source files where the command runs; None if it runs here.
+        sources: Digest of marssim's source files where the command runs; None if it runs in this process.
 
     Returns:
         The number of `views`, all of which are on disk now.
@@ -56,7 +57,7 @@ def generate_scene(config: GenerateConfig, scene_index: int, views: list[int], s
     if sources is not None and source_digest(("marssim",)) != sources:
         raise DatasetError(
             f"the worker on {platform.node()} has other source files of marssim than this command; install one version "
-            "on all machines"
+            "on all machines, and do not change it while the command runs"
         )
     _check_mark(config)
     missing = [v for v in views if not is_complete(sample_folder(config.out, scene_index, v))]
@@ -197,7 +198,7 @@ def _render(config: GenerateConfig, scene_index: int, views: list[int]) -> None:
                 noise = np.random.default_rng((config.seed, scene_index, 1 + view, RAW_DRAWS))
                 raw = raw_renderer.render(renderer, shader, pose, view_sensor, noise, rover)
             _check_mark(config)
-            write_sample(sample_folder(config.out, scene_index, view), frame, meta, raw)
+            write_sample(sample_folder(config.out, scene_index, view), frame, meta, raw, replace=False)
     finally:
         renderer.close()
 

@@ -29,7 +29,8 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
     path = train(PPOConfig(**config, max_steps=8), rollout=8)
     first = zipfile.ZipFile(path).read("policy.pth")
     with (tmp_path / "log.jsonl").open("a") as log:
-        log.write('{"choices": 1')  # all that a full disk took
+        # of a rollout after which no policy was saved, and all that a full disk took
+        log.write('{"choices": 12, "arrived": 0.5, "episodes": 1}\n{"choices": 1')
     assert train(PPOConfig(**config, max_steps=16), rollout=8) == path
     assert zipfile.ZipFile(path).read("policy.pth") != first
     whole = path.read_bytes()
@@ -39,6 +40,7 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
     assert path.read_bytes() == whole
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert [row["choices"] for row in rows] == sorted(row["choices"] for row in rows) and rows[-1]["choices"] == 24
+    assert all(row["choices"] != 12 for row in rows)
     assert all(0 <= row["arrived"] <= 1 and row["episodes"] >= 1 for row in rows)
     other = r"--k 0\.1 0\.2, not 0\.0 0\.1; --seed 0, not 1"
     with pytest.raises(DatasetError, match=rf"train_ppo\.json: .* other settings \({other}\); choose"):

@@ -416,6 +416,18 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     train(changed, plane_samples, [])
     output = capsys.readouterr().err
     assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in output
+    train(replace(changed, max_steps=5), plane_samples[:-1], [])
+    output = capsys.readouterr().err
+    assert "settings: --max-steps 5 (was 4), other pairs, or changed files, in --data\n" in output
+
+
+def test_a_resumed_run_says_that_its_device_is_another(tmp_path) -> None:
+    config = config_for(tmp_path, precision="auto")
+    run = Run(config, torch.device("cpu"))
+    run.save()
+    again = Run(config, torch.device("cpu"))
+    again.device = torch.device("meta")
+    assert again.resume() and "--device meta (was cpu)" in again.changed
 
 
 def test_a_resumed_run_says_that_epochs_give_its_steps_now(plane_samples, tmp_path, capsys) -> None:

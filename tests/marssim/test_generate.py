@@ -16,7 +16,7 @@ import pytest
 from marssim import generate as command
 from marssim.base.camera import NATECAM
 from marssim.base.dataset.dataset import StereoDataset
-from marssim.base.files.json_file import DatasetError
+from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results import lock
 from marssim.engines.egl import Egl, probe
 from marssim.generate import GenerateConfig, generate_dataset, generate_scene
@@ -519,10 +519,10 @@ def test_the_command_writes_what_the_function_writes(made, tmp_path, capfd):
 
 
 def test_the_bytes_do_not_depend_on_dask(made, tmp_path):
-    """Two threads of a cluster in this process render scenes side by side."""
+    """Two workers of two threads each, all in this process."""
     distributed = pytest.importorskip("distributed")
     options = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **options) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=2, **options) as cluster:
         generate_dataset(config(tmp_path / "set", scheduler=cluster.scheduler_address))
     assert contents(tmp_path / "set") == contents(made)
 
@@ -538,8 +538,8 @@ def test_a_worker_writes_nothing_more_once_the_folder_is_of_another_dataset(tmp_
     first = claimed(config(tmp_path / "set"))
     write = scene_views.write_sample
 
-    def written(*given):
-        write(*given)
+    def written(*given, **named):
+        write(*given, **named)
         shutil.rmtree(tmp_path / "set")
         claimed(config(tmp_path / "set", seed=6))
 
@@ -556,6 +556,28 @@ def test_a_worker_with_another_marssim_writes_nothing(tmp_path):
     with pytest.raises(DatasetError, match=r"the worker on .* has other source files of marssim than this command"):
         generate_scene(whole, 0, [1], "0123456789ab")
     assert [path.name for path in (tmp_path / "set" / "scenes" / "00000").iterdir()] == ["00"]
+
+
+def test_pairs_of_other_source_files_are_a_warning(tmp_path, capfd, monkeypatch):
+    generate_dataset(config(tmp_path / "set", pairs=1))
+    mark = tmp_path / "set" / "generate.json"
+    (now,) = read_json(mark)["sources"]
+    monkeypatch.setattr(command, "source_digest", lambda packages: "0123456789ab")
+    generate_dataset(config(tmp_path / "set", pairs=1))  # renders nothing
+    assert read_json(mark)["sources"] == [now] and "warning" not in capfd.readouterr().err
+    generate_dataset(config(tmp_path / "set", pairs=2))
+    warning = next(line for line in capfd.readouterr().err.splitlines() if line.startswith("warning: "))
+    assert warning.startswith(f"warning: {tmp_path / 'set'}: 1 pair in it came from other source files of marssim")
+    assert read_json(mark)["sources"] == [now, "0123456789ab"]
+
+
+@pytest.mark.parametrize("recorded", [None, "x", [3, None]])
+def test_a_dataset_that_does_not_tell_its_source_files_goes_on(tmp_path, capfd, recorded):
+    generate_dataset(config(tmp_path / "set", pairs=1))
+    mark = tmp_path / "set" / "generate.json"
+    write_json(mark, {**read_json(mark), "sources": recorded})
+    generate_dataset(config(tmp_path / "set", pairs=2))
+    assert len(read_json(mark)["sources"]) == 1 and "warning" not in capfd.readouterr().err
 
 
 def test_one_pair_is_counted_in_the_singular(tmp_path, capfd):

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 STOPPING = (signal.SIGTERM, signal.SIGINT)
+SAME = 1.0  # [s] after a signal in which another one is taken for the same, sent to a group and to its processes
 
 
 @contextmanager
@@ -16,8 +20,9 @@ def stop_on_signal() -> Iterator[list[int]]:
     """Record the first SIGTERM or SIGINT instead of ending, so that a run can finish its step and save.
 
     A signal that is ignored when the block begins stays ignored, as SIGINT is in a command that a script started in
-    the background. A second signal has its former effect. Outside the main thread, where Python cannot handle
-    signals, nothing is recorded.
+    the background. A second signal has its former effect, unless it comes within SAME seconds. In a process of
+    torchrun, it has none: torchrun passes its own signal on, also to processes that had it already, and after half a
+    minute it kills them. Outside the main thread, where Python cannot handle signals, nothing is recorded.
 
     Yields:
         A list that holds the number of the signal once one has come.
@@ -27,9 +32,17 @@ def stop_on_signal() -> Iterator[list[int]]:
         yield received
         return
 
+    patience = math.inf if "LOCAL_RANK" in os.environ else SAME
+    first = 0.0  # when the first signal came
+
     def record(number: int, frame: Any) -> None:
-        received.append(number)
-        restore(number)
+        nonlocal first
+        if not received:
+            received.append(number)
+            first = time.monotonic()
+        elif time.monotonic() - first > patience:
+            restore(number)
+            signal.raise_signal(number)
 
     def restore(number: int) -> None:
         handler = before[number]  # None for a handler that is not Python's, which cannot be restored from here

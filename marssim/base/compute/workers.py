@@ -37,6 +37,7 @@ ANSWER_WITHIN = 10.0  # [s] time in which a scheduler must answer
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS")  # the last one: Mesa's
 
 _SPAWN = multiprocessing.get_context("spawn")
+_DOING = threading.Lock()  # held while a task of a cluster is done in this process
 
 Task = tuple[Any, ...]
 
@@ -55,7 +56,8 @@ def run_tasks(
         tasks: The arguments of each call.
         done: Called as done(task, result) in this process, as each task is finished.
         workers: Number of spawned processes, of one thread each; 1 works in this process.
-        scheduler: Address of a dask scheduler, tcp://host:8786, whose workers do the tasks instead.
+        scheduler: Address of a dask scheduler, tcp://host:8786, whose workers do the tasks instead, one at a time in
+            each process.
 
     Raises:
         BrokenExecutor: A worker was killed.
@@ -214,10 +216,12 @@ def _end_with(parent: Any) -> None:
     os._exit(1)
 
 
-def _one_thread(function: Callable[..., Any], task: Task) -> Any:
-    cv2.setNumThreads(1)
-    with exits_as_errors():
-        return function(*task)
+def _one_at_a_time(function: Callable[..., Any], task: Task) -> Any:
+    """Do a task on a cluster. Other threads of the worker wait: renderers and libraries share state in a process."""
+    with _DOING:
+        cv2.setNumThreads(1)
+        with exits_as_errors():
+            return function(*task)
 
 
 async def _check_address(address: str) -> None:
@@ -270,7 +274,7 @@ def _on_cluster(
     except Exception as error:  # each kind of address (tcp, tls, ws, ...) has its own exceptions
         raise OSError(f"--scheduler {address}: {error}; expected one like tcp://host:8786") from None
     with _silent("distributed.client"), client, client.get_executor(pure=False) as executor:
-        running = {executor.submit(_one_thread, function, task): task for task in tasks}
+        running = {executor.submit(_one_at_a_time, function, task): task for task in tasks}
         try:
             while running:
                 for future in wait(running, return_when=FIRST_COMPLETED).done:

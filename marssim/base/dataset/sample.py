@@ -70,7 +70,11 @@ class StereoSample:
 
 
 def write_sample(
-    folder: Path, frame: StereoFrame, meta: dict[str, Any], raw: tuple[np.ndarray, np.ndarray] | None = None
+    folder: Path,
+    frame: StereoFrame,
+    meta: dict[str, Any],
+    raw: tuple[np.ndarray, np.ndarray] | None = None,
+    replace: bool = True,
 ) -> None:
     """Write a sample so that its folder appears complete or not at all.
 
@@ -78,11 +82,12 @@ def write_sample(
     same time, as a lost worker of a cluster and its successor may: each writes to a folder of its own first.
 
     Args:
-        folder: Folder of the sample, which is replaced.
+        folder: Folder of the sample.
         frame: The rendered pair.
         meta: Content of sample.json; rig, pose, right_rotation and the hashes of the images are added.
         raw: Both images before rectification, (H, W, 3) uint8 RGB, to write beside the others; their hashes are added
             as "raw_sha256", so that programs that know no raw images read the sample as any other.
+        replace: Replace a sample that the folder holds; otherwise it stays if all of its files are there.
 
     Raises:
         OSError: A file cannot be written. The error names it.
@@ -105,7 +110,8 @@ def write_sample(
             if raw is not None:
                 meta["raw_sha256"] = _write_images(partial, {n: image[..., ::-1] for n, image in zip(RAW, raw)})
             (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True), encoding="utf-8")
-        shutil.rmtree(folder, ignore_errors=True)
+        if replace or not is_complete(folder):
+            shutil.rmtree(folder, ignore_errors=True)
         try:
             partial.rename(folder)
         except OSError:

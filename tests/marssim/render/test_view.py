@@ -35,7 +35,7 @@ def assert_same(one: StereoFrame, other: StereoFrame) -> None:
 def written_by_generate(config: GenerateConfig, monkeypatch) -> StereoFrame:
     """Return the frame that marssim.generate writes for the first view of the first scene."""
     frames: list[StereoFrame] = []
-    monkeypatch.setattr(scene_views, "write_sample", lambda folder, frame, meta, raw: frames.append(frame))
+    monkeypatch.setattr(scene_views, "write_sample", lambda folder, frame, meta, raw, replace: frames.append(frame))
     config.out.mkdir()
     write_json(config.out / scene_views.SETTINGS, as_json(config.content()))
     scene_views.generate_scene(config, 0, [0])

@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from marssim.base.command import signals
 from marssim.base.command.signals import stop_on_signal
 
 
@@ -18,13 +19,28 @@ def number(request):
     signal.signal(request.param, before)
 
 
-def test_the_first_signal_is_noted_and_the_second_one_ends(number):
+def test_the_first_signal_is_noted_and_the_second_one_ends(number, monkeypatch):
+    monkeypatch.delenv("LOCAL_RANK", raising=False)
+    monkeypatch.setattr(signals, "SAME", 0.0)
     with stop_on_signal() as received:
         signal.raise_signal(number)  # to this thread, and at once
         assert received == [number]
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(number)
     assert signal.getsignal(number) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("launched", [True, False])
+def test_a_signal_that_comes_twice_at_once_is_one(number, monkeypatch, launched):
+    """A queue sends it to torchrun, which passes it on, and to all of its processes."""
+    monkeypatch.setattr(signals, "SAME", 0.0 if launched else 60.0)
+    monkeypatch.setenv("LOCAL_RANK", "0") if launched else monkeypatch.delenv("LOCAL_RANK", raising=False)
+    with stop_on_signal() as received:
+        for _ in range(3):
+            signal.raise_signal(number)
+        assert received == [number]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
 
 
 def test_a_signal_that_is_ignored_at_the_start_stays_ignored(number):

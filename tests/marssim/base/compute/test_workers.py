@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import cv2
@@ -85,6 +86,7 @@ def cluster():
         ) as local,
     ):
         patch.setattr(workers, "ANSWER_WITHIN", 60.0)  # the machine may be busy
+        patch.setattr(workers, "_DOING", nullcontext())  # these workers are of one process, others are not
         yield local.scheduler_address
 
 
@@ -121,6 +123,32 @@ def test_after_a_tasks_error_no_more_are_started(where, request, tmp_path):
     run_tasks(slow_square, [(1,)], print, **options)  # comes after what a cluster still has to do
     assert started <= {"here": 1, "processes": 3, "dask": 4}[where]
     assert len(list(tmp_path.iterdir())) - 1 <= (20 if where == "dask" else started)
+
+
+UNDER_WAY: list[int] = []
+DOING = workers._DOING  # which the fixture of the cluster replaces
+
+
+def alone(number: int) -> int:
+    """Return how many tasks of this process are under way."""
+    UNDER_WAY.append(number)
+    time.sleep(0.03)
+    count = len(UNDER_WAY)
+    UNDER_WAY.remove(number)
+    return count
+
+
+def test_the_threads_of_a_worker_of_a_cluster_do_one_task_at_a_time(monkeypatch):
+    """Renderers and libraries share state in a process."""
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 1, "threads_per_worker": 4, "processes": False, "dashboard_address": ":0"}
+    monkeypatch.setattr(workers, "ANSWER_WITHIN", 60.0)
+    monkeypatch.setattr(workers, "_DOING", DOING)
+    counts = []
+    with distributed.LocalCluster(**options, silence_logs=50) as local:
+        tasks = [(n,) for n in range(8)]
+        run_tasks(alone, tasks, lambda task, count: counts.append(count), scheduler=local.scheduler_address)
+    assert counts == [1] * 8
 
 
 def test_nothing_to_do_starts_nothing(monkeypatch):

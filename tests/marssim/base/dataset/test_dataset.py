@@ -84,6 +84,18 @@ def test_writing_again_replaces_and_gives_the_same_hash(frame, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["00"]
 
 
+def test_a_whole_sample_can_be_kept(frame, tmp_path):
+    """A worker that was taken for lost does not replace what its successor has written."""
+    folder = tmp_path / "00"
+    for number in (0, 1):
+        write_sample(folder, frame, {"view": number}, replace=False)
+    assert read_sample(folder).meta["view"] == 0
+    (folder / "left.png").unlink()
+    write_sample(folder, frame, {"view": 2}, replace=False)
+    assert read_sample(folder).meta["view"] == 2
+    assert [p.name for p in tmp_path.iterdir()] == ["00"]
+
+
 def test_two_who_write_the_same_sample_do_not_disturb_each_other(frame, tmp_path, monkeypatch):
     """One process renames its folder into place just after the other has done so."""
     folder, rename = tmp_path / "00", Path.rename
