@@ -5,9 +5,10 @@
     python -m marssim.mesh --scene gale --seed 1 --no-surroundings --out gale.stl
 
 It is the place of scene --number of a dataset that marssim.generate made with the same --scene and --seed, and with the
-relief and rocks of that place unchanged. The mesh has four parts: `ground`, the finely gridded square; `surroundings`
-out to the horizon; `rocks`; and `outcrop`, the slabs, ledges and fragments of bedrock. Parts without anything are left
-out. Rocks reach into the ground, and each is closed.
+relief and rocks of that place unchanged. In a dataset of --scene mixed, `preset` in sample.json names the place. The
+mesh has four parts: `ground`, the finely gridded square; `surroundings` out to the horizon; `rocks`; and `outcrop`, the
+slabs, ledges and fragments of bedrock. Parts without anything are left out. Rocks reach into the ground, and each is
+closed.
 
 Units are metres, with the origin on the ground in the middle. x is east, y north and z up; in a .glb file, y is up and
 -z north, as glTF demands. Vertices have the mean colour of ground and rock, but not in .stl files. The renderer
