@@ -5,6 +5,7 @@ python docs/make_slip_figure.py
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import matplotlib
@@ -65,4 +66,6 @@ def sideslip_deg(traction: Traction, slope: float) -> float:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        raise SystemExit(__doc__)
     main()

@@ -39,8 +39,10 @@ def main(args: Sequence[str] | None = None) -> int:
 def _work(options: AblateOptions) -> None:
     from m3depth.ablation.runs import ablate
 
-    ablate(options)
+    results = ablate(options)
     print((options.out / "results.md").read_text(encoding="utf-8"))
+    if failed := results["failed"]:
+        raise FloatingPointError(f"{options.out}: the tables lack {', '.join(failed)}, whose loss was not finite")
 
 
 if __name__ == "__main__":

@@ -27,8 +27,9 @@ Three more say what a stereo method has to work with:
                 or of less than 50 px
 
 The paper's definition must be another one: 10 labels cannot give 3.7 bits, and 256 codes of 3.1 bits would mean little
-more than one tone. The figures compare images with each other; none is a target. The command writes texture.json and
-texture.png.
+more than one tone. The figures compare images with each other; none is a target. All but the entropies change much with
+the angle that a pixel covers, and all with how the grey levels were stretched, so compare images that are alike in
+both. The command writes texture.json and texture.png.
 """
 
 from __future__ import annotations

@@ -43,7 +43,8 @@ class AblateOptions:
     )
     """Tables to make: those of the paper; consistency, the rows of loss with and without the consistency loss alone;
     parts, of what stands beside the recurrent steps of lite; and additions, of all else that lite adds to the paper's
-    network and loss. More of them can be added later in the same --out.
+    network and loss. The report has those that are named, so name them all when you add some in the same --out: runs
+    that are scored are not repeated.
     """
     steps: int | None = None
     """Budget of each run in optimizer steps, 1 or more, so that every network is trained on the same crops."""
@@ -54,7 +55,8 @@ class AblateOptions:
     parts at the widths of lite. Rows without a part that the preset lacks are left out.
     """
     seeds: tuple[int, ...] = (0,)
-    """Seeds that every run is repeated with. Tables show means over them; more can be added later in the same --out."""
+    """Seeds that every run is repeated with. Tables show means over them. To add seeds later in the same
+    --out, name them all."""
     limit: int | None = None
     """Number of test pairs to score, 2 or more, spread evenly over the split. Without it, all are scored."""
     batch: int = 4

@@ -13,19 +13,23 @@ from m3depth.figures.drawing import METHOD_COLOURS, save
 
 # Figures that have a panel, and its title.
 SHOWN = {"abs_rel": "Abs Rel", "rmse": "RMSE", "normal_mean": "mean error of the normals"}
+BARS = {"interval": 3, "seed_interval": 1}  # widths of the bars of intervals [pt]
 PAPER, HERE = METHOD_COLOURS[1], METHOD_COLOURS[0]  # colours of the marks
 
 
 def study_figure(study: Mapping[str, Any], path: Path) -> None:
     """Write a PNG of how much each row's errors differ from the reference row's, in the paper and here.
 
-    Bars are the 95 % intervals over test scenes.
+    Thick bars are the 95 % intervals over test scenes, thin ones those over seeds, where there are several.
 
     Args:
         study: The result of m3depth.ablation.findings.findings.
         path: The file to write.
     """
     names = [name for name in SHOWN if name in study["columns"]]
+    changes = [row["against_reference"][name] for row in study["rows"] for name in names]
+    has_seeds = any(change["seed_interval"] for change in changes)
+    over_scenes = "95 % interval over test scenes" + ("" if has_seeds else ", without chance in training")
     rows = study["rows"]
     figure = Figure(figsize=(1.6 + 3.6 * len(names), 1.6 + 0.42 * len(rows)), layout="constrained", dpi=120)
     panels = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
@@ -36,8 +40,9 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
             if change["paper"] is not None:
                 ax.plot(100 * change["paper"], place - 0.14, marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="")
             if change["here"] is not None:
-                bounds = [100 * bound for bound in change["interval"] or ()]
-                ax.plot(bounds, [place + 0.14] * len(bounds), color=HERE, lw=2)
+                for name_of_bounds, width in BARS.items():
+                    bounds = [100 * bound for bound in change[name_of_bounds] or ()]
+                    ax.plot(bounds, [place + 0.14] * len(bounds), color=HERE, lw=width)
                 ax.plot(100 * change["here"], place + 0.14, marker="o", ms=6, color=HERE, ls="")
         ax.set_title(SHOWN[name], fontsize=11)
         ax.xaxis.set_major_locator(MaxNLocator(5))
@@ -50,9 +55,11 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
     handles = panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")
     handles = [
         *(handles if study["source"] else []),
-        panels[0].plot([], [], marker="o", ms=6, color=HERE, lw=2, label="here, 95 % interval over test scenes")[0],
+        panels[0].plot([], [], marker="o", ms=6, color=HERE, lw=BARS["interval"], label=f"here, {over_scenes}")[0],
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    if has_seeds:
+        handles += panels[0].plot([], [], color=HERE, lw=BARS["seed_interval"], label="95 % interval over seeds")
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
     reference = rows[study["reference"]]["label"]
     figure.supxlabel(f'change of the error from that of the row "{reference}" [%]', fontsize=10)
     save(figure, path)

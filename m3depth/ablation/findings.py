@@ -43,7 +43,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
     Figures are means over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the
     paired bootstrap over the scenes: views of one scene resemble each other, so its pairs are drawn together. Fewer
     than four scenes give no interval. With several seeds, there is also Student's interval over the seeds. A pair that
-    holds no pixel of a figure is left out of that figure, in every run.
+    holds no pixel of a figure is left out of that figure, in every run. So is a seed that a scored row lacks.
 
     Args:
         study: The study.
@@ -52,13 +52,13 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
     Raises:
         ValueError: The runs were not all scored on the same pairs.
     """
-    runs = {row.variant.name: scores[row.variant.name] for row in study.rows}
+    runs = _of_common_seeds({row.variant.name: scores[row.variant.name] for row in study.rows})
     _check_same_pairs(runs)
     columns = {name: _column(runs, name) for name in study.columns}
     reference = study.rows[study.reference]
     rows = []
     for row in study.rows:
-        seeds = scores[row.variant.name]
+        seeds = runs[row.variant.name]
         figures = {name: column.by_run[row.variant.name] for name, column in columns.items()}
         rows.append(
             {
@@ -79,6 +79,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
                     {key: score[key] for key in ("steps", "minutes", "parameters", "code", "device")}
                     | {"seconds_per_pair": score["result"]["seconds"]["median"]}
                     | {key: score["result"]["sky"][name] for key, name in SKY.items()}
+                    | {key: score[key] for key in ("runtime",) if key in score}
                     for score in seeds.values()
                 ],
             }
@@ -99,6 +100,13 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
         "comparisons": comparisons,
         "order": [_order(study, rows, n) for n in study.measures if sum(n in row.paper for row in study.rows) > 1],
     }
+
+
+def _of_common_seeds(runs: Mapping[str, RunScores]) -> dict[str, RunScores]:
+    """Return the scores of the seeds that all rows have of which any seed is scored."""
+    scored = [set(by_seed) for by_seed in runs.values() if by_seed]
+    common = set.intersection(*scored) if scored else set()
+    return {name: {seed: by_seed[seed] for seed in by_seed if seed in common} for name, by_seed in runs.items()}
 
 
 def _check_same_pairs(runs: Mapping[str, RunScores]) -> None:

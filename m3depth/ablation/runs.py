@@ -38,6 +38,7 @@ from marssim.base.results.code_state import source_digest, versions
 
 SETTINGS = "ablation.json"  # the settings that make runs comparable, in the ablation's folder
 SCORE = "score.json"  # the figures of a run, in its folder
+RESULTS = "results.json"
 FAILED = "failed.json"  # why a run failed: its loss was not finite
 WEIGHTS = "weights.safetensors"
 NETWORK = "network.json"  # the sizes of a run's network
@@ -144,6 +145,12 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     with claimed.claim(**_places(options)):
         claimed.note(**_places(options))
         _check_earlier(runs, options)
+        if lost := _lost(options):
+            print(
+                f"warning: {options.out / 'results.md'} will lack {lost}, which it has now; name all to keep them, as "
+                "runs that are scored are not repeated",
+                file=sys.stderr,
+            )
         scored = counted(len(test) if options.limit is None else min(options.limit, len(test)), "test pair")
         print(f"{counted(len(runs), 'run')} of {options.budget}, {scored} ({options.out})", file=sys.stderr)
         for number, run in enumerate(runs, start=1):
@@ -156,6 +163,19 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
             study_figure(study, options.out / f"{name}.png")
         _draw_maps(options, test)
         return results
+
+
+def _lost(options: AblateOptions) -> str:
+    """Return which studies and seeds of the present report a new one would lack, in words."""
+    if not (options.out / RESULTS).is_file():
+        return ""
+    before = read_json(options.out / RESULTS)
+    studies, seeds = before.get("studies"), before.get("seeds")
+    lost = (
+        [f"the study {name}" for name in studies if name not in options.chosen()] if isinstance(studies, dict) else []
+    )
+    lost += [f"seed {seed}" for seed in seeds if seed not in options.seeds] if isinstance(seeds, list) else []
+    return ", ".join(lost)
 
 
 def _draw_maps(options: AblateOptions, test: Any) -> None:
@@ -298,8 +318,9 @@ def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> di
         "seeds": list(dict.fromkeys(options.seeds)),
         "depth_range_m": scored_depths(test),
         "versions": versions(),
+        "failed": [run.folder.name for run in runs if (run.folder / FAILED).is_file()],
     }
     results = {**about, "studies": studies}
-    write_json(options.out / "results.json", results, sort_keys=False)
+    write_json(options.out / RESULTS, results, sort_keys=False)
     write_atomically(options.out / "results.md", markdown(about, studies).encode())
     return results

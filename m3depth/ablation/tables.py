@@ -48,13 +48,18 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
         + "Agrees, disagrees: the intervals exclude zero, on the paper's side or on the other. Undecided: one of them "
         "includes zero. Geometric mean: the change of the geometric mean of the images' figures, which a few images "
         "with large errors do not decide; verdicts do not use it. Rows turned: pairs of rows in the opposite order of "
-        "the paper's." + (" Provisional: of one seed." if provisional else ""),
+        "the paper's." + (" Provisional: of one seed, so chance in training may decide." if provisional else ""),
     ]
     lines += size_warning(studies.values()) + mixture_warning(studies.values())
+    if failed := about.get("failed"):
+        lines += ["", f"**Left out, since their loss was not finite: {', '.join(failed)}.**"]
     lines += ["", *table(["study", *VERDICTS, "rows turned"], [_summary(study) for study in studies.values()])]
     for name, study in studies.items():
         source = f"The paper's table `{study['source']}`." if study["source"] else "The paper has no such table."
         lines += ["", f"## {study['title']}", "", source, ""]
+        seeds_of_study = sorted({int(seed) for row in study["rows"] for seed in row["by_seed"]})
+        if seeds_of_study and seeds_of_study != sorted(about["seeds"]):
+            lines += [f"Of seed {', '.join(map(str, seeds_of_study))}, which all scored rows have.", ""]
         normals = [column for column in study["columns"] if column.startswith("normal_")]
         for columns in ([c for c in study["columns"] if c not in normals], normals):
             if columns:
@@ -86,13 +91,16 @@ def size_warning(studies: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def mixture_warning(studies: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return lines that warn of runs of several states of the code or kinds of device; none if they are all alike."""
+    """Return lines that warn of runs of several states of the code, devices or runtimes; none if they are all alike."""
     runs = [run for study in studies for row in study["rows"] for run in row["runs"]]
-    kinds = sorted({f"{run['code']} on {run['device']}" for run in runs})
+    kinds = sorted({f"{run['code']} on {run.get('runtime') or run['device']}" for run in runs})
     if len(kinds) < 2:
         return []
     states = ", ".join(kinds)
-    return ["", f"**These runs may not compare: they are of several states of the code or devices ({states}).**"]
+    return [
+        "",
+        f"**These runs may not compare: they are of several states of the code, devices or runtimes ({states}).**",
+    ]
 
 
 def _summary(study: Mapping[str, Any]) -> list[str]:
@@ -104,11 +112,9 @@ def _summary(study: Mapping[str, Any]) -> list[str]:
 
 
 def _count(verdicts: Sequence[str | None], verdict: str) -> str:
-    """Return how many comparisons have a verdict, and how many of them of one seed."""
-    firm, provisional = verdicts.count(verdict), verdicts.count(verdict + PROVISIONAL)
-    if not provisional:
-        return str(firm)
-    return f"{firm + provisional}, {provisional} of them provisional" if firm else f"{provisional}{PROVISIONAL}"
+    """Return how many comparisons of a study, all of one seed or all of several, have a verdict."""
+    provisional = verdicts.count(verdict + PROVISIONAL)
+    return f"{provisional}{PROVISIONAL}" if provisional else str(verdicts.count(verdict))
 
 
 def _figures(study: Mapping[str, Any], columns: Sequence[str]) -> list[str]:

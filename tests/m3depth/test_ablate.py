@@ -97,7 +97,7 @@ def test_runs_are_shared_between_studies(tmp_path) -> None:
     assert len({run.config.loss for run in runs}) == 6
 
 
-def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, ablated, tmp_path, trained) -> None:
+def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, ablated, tmp_path, trained, capsys) -> None:
     out = tmp_path / "again"
     shutil.copytree(ablated, out)
     arguments = flags(plane_set, out, "--steps", "3", "--studies", "components")
@@ -111,6 +111,9 @@ def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, ablated, tmp_p
         one, other = (new["by_seed"][seed]["normal_mean"] for seed in ("0", "1"))
         assert one == old["here"]["normal_mean"] != other
         assert new["here"]["normal_mean"] == pytest.approx((one + other) / 2)
+    assert "will lack" not in capsys.readouterr().err
+    assert main(flags(plane_set, out, "--steps", "3", "--studies", "components", "--seeds", "1")) == 0
+    assert f"warning: {out / 'results.md'} will lack seed 0, which it has now; name all" in capsys.readouterr().err
 
 
 def test_scored_runs_go_on_elsewhere_without_their_weights(plane_set, ablated, tmp_path, trained) -> None:
@@ -160,14 +163,17 @@ def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_pat
 
     monkeypatch.setattr(training, "backward", broken)
     out = tmp_path / "ablation"
-    assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 0
-    assert "no-wefe-0: training has diverged: loss is not finite at step 0" in capsys.readouterr().err
+    assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 1
+    error = capsys.readouterr().err
+    assert "no-wefe-0: training has diverged: loss is not finite at step 0" in error
+    assert error.endswith(f"error: {out}: the tables lack no-wefe-0, whose loss was not finite\n")
+    assert "**Left out, since their loss was not finite: no-wefe-0.**" in (out / "results.md").read_text()
     assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, True, False, False]
 
     monkeypatch.setattr(training, "backward", step)
     failed = out / "runs/no-wefe-0/failed.json"
     for times in range(2):  # first as it was, then after the file is deleted
-        assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 0
+        assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == (1 if times == 0 else 0)
         assert (f"delete {failed} to try it again" in capsys.readouterr().err) == (times == 0)
         assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, times == 0, False, False]
         failed.unlink(missing_ok=True)

@@ -161,6 +161,20 @@ def test_seeds_are_compared_with_themselves() -> None:
     assert part["here"] == pytest.approx(0.2) and part["by_seed"] == pytest.approx([0.2])
 
 
+def test_the_rows_of_a_table_are_means_over_the_same_seeds() -> None:
+    """One row lacks the second seed, which has twice the errors, so the table and the sentences leave it out."""
+    scores = levels([1.0, 0.9, 1.0, None])
+    alone = findings(STUDIES["levels"], {name: {0: runs[0]} if runs else {} for name, runs in scores.items()})
+    for runs in scores.values():
+        for record in runs[1]["per_pair"] if runs else ():
+            record["M3Depth"] = {name: 2 * figure for name, figure in record["M3Depth"].items()}
+    del scores["levels-2"][1]
+    report = findings(STUDIES["levels"], scores)
+    assert [row["here"] for row in report["rows"]] == [row["here"] for row in alone["rows"]]
+    assert all(set(row["by_seed"]) == {"0"} for row in report["rows"][:3])
+    assert [part["sentence"] for part in report["comparisons"]] == [part["sentence"] for part in alone["comparisons"]]
+
+
 def test_normals_without_truth_leave_their_columns_empty() -> None:
     figures = {name: np.ones(4) for name in ("abs_rel", "sq_rel", "rmse", "log10", "delta1")}
     scores = {row.variant.name: {0: score(figures)} for row in STUDIES["components"].rows}

@@ -19,8 +19,13 @@ def test_runs_of_several_states_of_the_code_give_a_warning() -> None:
     assert "may not compare" not in markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
     scores["levels-3"][1]["device"] = "cuda"
     text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
-    assert "**These runs may not compare: they are of several states of the code or devices (" in text
+    assert "**These runs may not compare: they are of several states of the code, devices or runtimes (" in text
     assert "0123456789ab on cpu, 0123456789ab on cuda).**" in text
+    for of_row in scores.values():
+        for number, run in of_row.items():
+            run["device"], run["runtime"] = "cpu", f"pytorch 2.13.0 cpu {'bf16' if number else 'fp32'}"
+    text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
+    assert "0123456789ab on pytorch 2.13.0 cpu bf16, 0123456789ab on pytorch 2.13.0 cpu fp32).**" in text
 
 
 class Guess:
@@ -73,12 +78,15 @@ def test_verdicts_of_one_seed_are_counted_as_provisional() -> None:
         del by_seed[1]
     text = markdown({**ABOUT, "seeds": [0]}, {"levels": findings(STUDIES["levels"], scores)})
     assert "| Levels of the wavelet transform | 1, provisional | 1, provisional | 1 |" in text
-    assert "without chance in training. Agrees, disagrees: " in text and text.count("Provisional: of one seed.") == 1
-    del scores["levels-5"]  # a row with both seeds beside those with one
-    scores["levels-5"] = levels([1.0, 0.9, 0.8, 1.0])["levels-5"]
-    scores["levels-4"] = levels([1.0, 0.9, 0.8, 1.0])["levels-4"]
-    text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
-    assert "| Levels of the wavelet transform | 2, 1 of them provisional | 1, provisional | 0 |" in text
+    assert (
+        "without chance in training. Agrees, disagrees: " in text and text.count("Provisional: of one seed, so ") == 1
+    )
+    scores = levels([1.0, 0.9, 0.8, 1.0])
+    del scores["levels-5"][1]
+    text = markdown({**ABOUT, "failed": ["levels-5-1"]}, {"levels": findings(STUDIES["levels"], scores)})
+    assert "| Levels of the wavelet transform | 2, provisional | 1, provisional | 0 |" in text
+    assert "\nOf seed 0, which all scored rows have.\n" in text
+    assert "**Left out, since their loss was not finite: levels-5-1.**" in text
 
 
 @pytest.mark.parametrize(
