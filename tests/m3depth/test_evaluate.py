@@ -15,9 +15,10 @@ from small_rivals import TINY
 
 from m3depth.estimator import CLASSICAL
 from m3depth.evaluate import EvaluateOptions, evaluate, main, named_estimators, prepare
-from m3depth.evaluation.cost import measured
+from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.report import FIGURES
 from m3depth.evaluation.resume import SavedState, SavedStateError
+from m3depth.evaluation.scoring import Scoring
 from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.classical import SGBM
@@ -130,6 +131,14 @@ def test_degradation_is_what_methods_see_and_depends_on_seed_and_pair_alone(fold
     assert not np.array_equal(runs[0][-1], runs[2][-1])
     clean = StereoDataset(folder, "test")[3].left
     assert runs[0][-1].std() == pytest.approx(np.hypot(0.5 * clean.std(), 3), rel=0.05)
+
+
+def test_every_pair_has_noise_of_its_own(plane_samples):
+    grey = replace(plane_samples[0], left=np.full_like(plane_samples[0].left, 128))
+    method = Scaled()
+    evaluate([grey, grey], {"m": method}, degradation=Degradation(noise=3.0))
+    to_warm_up, first, second = method.images
+    assert np.array_equal(to_warm_up, first) and not np.array_equal(first, second)
 
 
 def test_wrong_size_names_the_method(folder):
@@ -261,6 +270,22 @@ def test_the_first_call_is_not_timed(folder, monkeypatch):
     assert (len(timed), len(method.images)) == (4, 5)
     assert np.array_equal(method.images[0], method.images[1])
     assert set(done.results["m"]["memory_mib"]) == {"process", "gpu"}
+
+
+def test_the_costs_of_the_pairs_before_a_stop_count(folder, tmp_path, monkeypatch):
+    costs = iter([Cost(1.0, 90.0, None), Cost(2.0, 20.0, None), Cost(4.0, 30.0, None), Cost(9.0, 40.0, None)])
+    monkeypatch.setattr("m3depth.evaluation.scoring.measured", lambda call, *args: (call(*args), next(costs)))
+    before, after = (Scoring(StereoDataset(folder, "test"), {"m": Scaled()}, None, 0, 192.0) for _ in range(2))
+    saved_state = SavedState(tmp_path, {})
+    before.add(0)
+    before.add(1)
+    saved_state.save(before.state_dict())
+    after.load_state_dict(saved_state.load())
+    after.add(2)
+    after.add(3)
+    figures = after.result().results["m"]
+    assert figures["seconds"] == {"median": 3.0, "mean": 4.0}
+    assert figures["memory_mib"] == {"process": 90.0, "gpu": None}
 
 
 class Stops(Scaled):

@@ -14,6 +14,7 @@ from m3depth.evaluation.metrics import (
     angle_between,
     capped_depth,
     depth_terms,
+    grey_deviation,
     normal_terms,
     pixel_kinds,
 )
@@ -116,6 +117,31 @@ def test_true_depth_beyond_the_cap_is_capped_too():
 
 def test_a_depth_off_by_the_very_factor_of_delta1_is_not_within_it():
     assert named_terms(np.array([5.0]), np.ones(1), np.array([4.0]), np.ones(1))["delta1"] == 0
+
+
+def test_a_disparity_off_by_the_very_limit_is_not_beyond_it():
+    true, off = np.full(2, 5.0), np.array([1.0, 3.0])
+    terms = named_terms(true, 32 + off, true, np.full(2, 32.0))
+    assert terms["bad1"].tolist() == [0, 1] and terms["bad3"].tolist() == [0, 0]
+
+
+def test_pixels_that_are_not_valid_enter_no_figure():
+    """Of rows at 0.3, 5 and 40 m, those at 5 m alone are valid, and only the others are predicted wrongly."""
+    sample = make_sample()
+    depth = np.repeat(np.float32([0.3, 5, 40])[np.arange(H) % 3, None], W, axis=1)
+    valid = depth == 5
+    sample = replace(sample, depth=depth, disparity=RIG.depth_to_disparity(depth), valid=valid)
+    kinds = pixel_kinds(sample)
+    assert np.array_equal(kinds["all"], valid) and not kinds["near"].any()
+    wrong = np.where(valid, depth, np.float32(2))
+    result = score(replace(perfect(sample), depth=wrong, disparity=RIG.depth_to_disparity(wrong)), sample)
+    assert result["depth"]["all"]["pooled"]["abs_rel"] == 0 and result["depth"]["near"]["pixels"] == 0
+
+
+def test_the_deviation_of_the_grey_levels_is_that_within_9_px():
+    image = np.random.default_rng(0).integers(0, 256, (20, 24), dtype=np.uint8)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(image.astype(float), 4, mode="reflect"), (9, 9))
+    assert grey_deviation(image) == pytest.approx(windows.std(axis=(2, 3)), rel=1e-3)
 
 
 def test_kinds_partition_the_scored_pixels():

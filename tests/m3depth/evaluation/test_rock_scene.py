@@ -8,7 +8,7 @@ from rock_samples import DOMES, ahead, rock_sample
 from rock_samples import domes_on_a_plain as world
 from rock_world import RockWorld
 
-from m3depth.evaluation.rock_scene import rock_scene
+from m3depth.evaluation.rock_scene import CELL, REACH, _plane_around, rock_scene
 
 
 def test_heights_and_distances_are_those_of_the_domes():
@@ -34,6 +34,33 @@ def test_heights_are_measured_from_sloping_ground(along, across):
     rock = rock_scene(sample).rocks[0]
     most = 0.35 + 0.2 * (abs(along) + abs(across))
     assert 0.33 < rock.height <= most + 0.02
+
+
+def test_the_plane_around_a_place_is_that_of_the_ground_with_damped_slopes():
+    """Least squares on a disc give the level in its middle, and slopes of var / (var + 0.1), var that of x over it."""
+    slope, middle, radius = np.tan(np.radians([10.0, -4.0])), np.array([2.0, -3.0]), 2.03
+    places = (np.arange(round(2 * REACH / CELL)) + 0.5) * CELL - REACH
+    x, y = np.meshgrid(places, places)
+    plane = _plane_around(0.7 + slope[0] * x + slope[1] * y, middle, radius)
+    from_middle = x[np.hypot(x - middle[0], y - middle[1]) <= radius] - middle[0]
+    var = (from_middle**2).mean()
+    assert plane[:2] == pytest.approx(slope * var / (var + 0.1), rel=1e-9)
+    assert plane[:2] == pytest.approx(slope, rel=0.1)
+    assert plane @ [*middle, 1] == pytest.approx(0.7 + slope @ middle, abs=1e-9)
+
+
+def test_a_rock_across_15_m_keeps_its_pixels_beyond():
+    sample = rock_sample(RockWorld(boxes=np.array([[15.0, 0.0, 1.5, 1.0, 0.15]])), yaw=0.0)
+    (rock,) = rock_scene(sample).rocks
+    on_rock = np.flatnonzero(sample.rock)
+    assert np.array_equal(rock.pixels, on_rock) and (sample.depth.ravel()[on_rock] > 15).any()
+
+
+@pytest.mark.parametrize(("pixels", "both_eyes"), [(29, False), (30, True)])
+def test_both_eyes_see_a_rock_of_which_the_right_one_sees_30_pixels(pixels, both_eyes):
+    sample = rock_sample(world())
+    sample.occluded.ravel()[np.flatnonzero(sample.rock == 1)[pixels:]] = True
+    assert [rock.both_eyes for rock in rock_scene(sample).rocks] == [both_eyes, True, True, True]
 
 
 def test_without_a_pose_there_are_no_heights():

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from rock_samples import DOMES, ahead, rock_sample, without_rocks
+from rock_samples import DOMES, RIG, ahead, rock_sample, without_rocks
 from rock_samples import domes_on_a_plain as world
 from rock_world import RockWorld
 
 from m3depth.evaluation.rock_scene import rock_scene
-from m3depth.evaluation.rock_scores import RockCounts, false_obstacles, predicted_tops
+from m3depth.evaluation.rock_scores import RockCounts, RockOutcome, false_obstacles, outcome_figures, predicted_tops
 from m3depth.stereo.prediction import Prediction
 
 
@@ -51,6 +51,35 @@ def test_a_rock_at_the_wrong_depth_is_not_found():
     sample = rock_sample(world())
     tops = predicted_tops(scene := rock_scene(sample), scene.rocks, sample.depth * np.float32(1.35))
     assert (tops < 0.05).all()
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(1.24, True), (1.26, False), (0.76, True), (0.74, False)])
+def test_depth_off_by_more_than_a_quarter_of_the_true_one_is_of_another_surface(factor, kept):
+    """Tops without any pixel of the rock are 0 to the last bit."""
+    sample = rock_sample(world())
+    tops = predicted_tops(scene := rock_scene(sample), scene.rocks, sample.depth * np.float32(factor))
+    assert ((tops != 0) == kept).all()
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.51, True), (0.49, False)])
+def test_a_rock_is_found_if_its_top_stands_half_as_high_as_the_true_top(share, found):
+    """Every pixel of the rock is moved along its ray to that share of its height above the ground."""
+    sample = rock_sample(RockWorld(domes=np.array([[*ahead(3.0, -0.5), 0.3, 0.25]])))
+    scene = rock_scene(sample)
+    (rock,) = scene.rocks
+    assert 0.51 * rock.top < 0.5 * rock.height
+    flat, rays = sample.depth.ravel().astype(float), scene.rays.reshape(-1, 3)[rock.pixels]
+    slope, level = rock.plane[:2], rock.plane[2]
+    rise = rays[:, 2] - rays[:, :2] @ slope
+    flat[rock.pixels] = (share * (flat[rock.pixels] * rise - level) + level) / rise
+    (outcome,) = counted(sample, flat.reshape(sample.depth.shape)).rocks
+    assert outcome.found == found and outcome.error == pytest.approx((share - 1) * rock.top, abs=1e-5)
+
+
+def test_the_error_of_the_heights_is_the_median_of_its_size_over_the_rocks_found():
+    outcomes = [RockOutcome(0.3, 4.0, True, error) for error in (0.01, -0.02, 0.5)]
+    figures = outcome_figures([*outcomes, RockOutcome(0.3, 4.0, False, -0.3)], 0.2, np.inf, 0.0, 8.0)
+    assert (figures["height_error_m"], figures["height_bias_m"]) == (0.02, 0.01)
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf, 0.0, -2.0])
@@ -111,6 +140,16 @@ def test_specks_and_outlines_are_no_obstacles():
     beside = np.roll(sample.rock == 2, 3, axis=1) & (sample.rock == 0)
     depth[beside] = np.median(sample.depth[sample.rock == 2])  # the rock, smeared
     assert false_obstacles(rock_scene(sample), depth) == []
+
+
+@pytest.mark.parametrize(("edge", "obstacles"), [(8, 0), (9, 1)])
+def test_a_false_obstacle_fills_a_square_of_a_tenth_of_a_metre(edge, obstacles):
+    """At this depth, which is in the sky, 0.1 m are 8.5 px."""
+    sample = rock_sample(RockWorld())
+    depth = sample.depth.copy()
+    assert np.isinf(depth[:edge, 100 : 100 + edge]).all()
+    depth[:edge, 100 : 100 + edge] = 0.1 * RIG.camera.fy / 8.5
+    assert len(false_obstacles(rock_scene(sample), depth)) == obstacles
 
 
 def test_ground_that_is_predicted_too_near_is_a_false_obstacle():

@@ -69,6 +69,7 @@ def test_an_offset_of_the_images_counts_for_depth_and_not_for_disparity(plane_sa
     known = sample.valid & (sample.disparity <= 192)
     assert figures["abs_rel"] == pytest.approx((0.5 / offset.disparity[known]).mean(), rel=0.01)
     assert done.true_depth_normals["all"]["pooled"]["median"] < 0.5  # these are of the true depth
+    assert scored(offset, truth(offset))["fitted_normal"]["all"]["pooled"]["median"] < 0.5
 
 
 def test_the_error_map_counts_every_pixel_once():
@@ -141,6 +142,15 @@ def test_pixels_without_depth_have_no_fitted_normal_either(plane_samples):
         figures = scored(sample, truth(sample, depth=depth, disparity=disparity))["fitted_normal"]["all"]["pooled"]
         share = np.isnan(depth)[sample.valid].mean()
         assert figures["mean"] == pytest.approx(180 * share, abs=2)
+
+
+def test_the_fitted_normal_of_what_is_predicted_as_sky_points_at_the_camera(plane_samples):
+    sample = plane_samples[0]
+    sky = np.full_like(sample.depth, np.inf)
+    figures = scored(sample, truth(sample, depth=sky, disparity=np.zeros_like(sky)))["fitted_normal"]["all"]["pooled"]
+    rays, normal = sample.rig.camera.rays()[sample.valid], sample.normal[sample.valid].astype(float)
+    cosine = -(rays * normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1) / np.linalg.norm(normal, axis=-1)
+    assert figures["mean"] == pytest.approx(np.degrees(np.arccos(cosine)).mean(), abs=1e-3)
 
 
 def test_ids_of_surfaces_that_cannot_be_used_stay_an_error_of_the_dataset(plane_samples):

@@ -34,6 +34,9 @@ def test_the_curve_is_that_of_sorted_pixels(seed):
     assert figures["oracle_epe"] == pytest.approx(brute_force(by_error, error), rel=0.01)
     assert figures["oracle_bad1"] == pytest.approx(brute_force(by_error, error > 1.0), abs=1e-3)
     assert figures["bad1_without_10"] == pytest.approx(figures["bad1"][2] / figures["bad1"][0])
+    for name, values in (("ause_epe", error), ("ause_bad1", error > 1.0)):
+        apart = (brute_force(by_confidence, values) - brute_force(by_error, values)).mean()
+        assert figures[name] == pytest.approx(apart / values.mean(), rel=0.03)
 
 
 @given(
