@@ -85,7 +85,7 @@ def seen(**values):
         (failed("no_path", "missed obstacle"), "cause must not be missed obstacle for no_path"),
         (failed("no_path", "detour", "straight"), "cause must be null for the driver straight, got detour"),
         (broken("shortest", 9.0), "clear, course 0: shortest must be "), (broken("course", 7), "has no such episode"),
-        (broken("spl", 0.123), "spl must be "),
+        (broken("shortest", 2.0), "clear, course 0: shortest must be "), (broken("spl", 0.123), "spl must be "),
         (lambda c: c["episodes"].append(c["episodes"][0]), "clear, course 0: appears twice"),
         (lambda c: c["episodes"][0].update(success=not c["episodes"][0]["success"]), "success must not be "),
         (lambda c: c["episodes"].pop(), "1 episode is missing, such as rare_looks, course 1"),

@@ -10,6 +10,7 @@ from envs.comparison.depth_metrics import (
     correlation,
     correlation_table,
     dots_without_each_course,
+    ranks_within,
 )
 from envs.comparison.methods import DrivenMethod
 from envs.comparison.plots import plot_depth_metrics
@@ -45,6 +46,18 @@ def test_a_dot_has_the_errors_of_its_drives_and_what_they_lose_to_true_depth():
     assert dots["storm", "truth"]["abs_rel"] is None and dots["storm", "truth"]["spl_less_truth"] == 0
     (alone,) = {dot["spl_less_truth"] for dot in condition_dots({"eyes": EYES})}
     assert alone is None
+
+
+def test_errors_are_counted_over_all_drives_of_a_dot_so_that_each_rock_weighs_the_same():
+    drives = {
+        ("clear", course): {
+            "success": True, "spl": 1.0, "rocks": among, "rocks_missed": 1 - course, "looks": among,
+            "false_obstacles": 1 - course, "near_ground": among, "near_ground_as_sky": 1 - course,
+        }
+        for course, among in enumerate((1, 9))
+    }  # fmt: skip
+    (dot,) = condition_dots({"eyes": DrivenMethod("navigator", "eyes", drives)})
+    assert dot["rocks_missed"] == dot["false_obstacles"] == dot["near_ground_as_sky"] == 0.1
 
 
 def test_true_depth_of_another_driver_is_no_reference():
@@ -215,6 +228,13 @@ def test_within_methods_a_method_that_is_worse_throughout_does_not_count():
     constant = [{**dot, "method": "same", "near_ground_as_sky": 0.0} for dot in dots if dot["method"] == "good"]
     rows = {row["metric"]: row for row in correlate([*dots, *constant])}
     assert rows["near_ground_as_sky"]["within"] == pytest.approx(1)
+
+
+def test_within_methods_a_method_with_more_dots_does_not_have_the_larger_ranks():
+    x, y = np.array([0, 1, 2, *range(10, 18)], float), np.array([0, 1, 2, 1, 0, 3, 2, 5, 4, 7, 6], float)
+    centred = [-1, 0, 1, *np.arange(8) - 3.5], [-1, 0, 1, -2.5, -3.5, -0.5, -1.5, 1.5, 0.5, 3.5, 2.5]
+    within = correlation(*ranks_within(x, y, ["few"] * 3 + ["many"] * 8))
+    assert within == pytest.approx(pearsonr(*centred)[0])
 
 
 def test_metrics_of_different_dots_are_not_compared():

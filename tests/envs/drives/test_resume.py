@@ -82,6 +82,18 @@ def test_retrained_weights_do_not_inherit_the_drives_of_the_old_ones(file, tmp_p
     }  # those that drove are still known
 
 
+@pytest.mark.parametrize("changed", [0, 1])
+def test_any_of_several_weights_that_changed_is_refused(file, tmp_path, changed):
+    weights = [tmp_path / name for name in ("a.safetensors", "b.safetensors")]
+    for each in weights:
+        each.write_bytes(b"first")
+    names = [f"m3depth:{each}" for each in weights]
+    digests_noted_in(file, names)
+    weights[changed].write_bytes(b"second")
+    with pytest.raises(DatasetError, match=rf"{weights[changed].name} has other weights than"):
+        digests_noted_in(file, names)
+
+
 def test_a_policy_that_was_trained_on_does_not_either(file, tmp_path):
     policy = tmp_path / "policy.zip"
     policy.write_bytes(b"first")

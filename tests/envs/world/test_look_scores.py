@@ -29,6 +29,19 @@ def test_the_truth_misses_no_rock_and_shows_no_other(sight):
     assert look_rock_errors(truth) == RockErrors(1, 0, 0) and look_abs_rel(truth) == 0 and not is_blind(truth)
 
 
+def test_a_rock_that_only_the_left_eye_sees_counts_as_any_other(sight):
+    hidden = replace(sight, occluded=np.ones_like(sight.occluded))
+    assert look_rock_errors(replace(hidden, depth=sight.true_depth.copy())) == RockErrors(1, 0, 0)
+    assert look_rock_errors(hidden) == RockErrors(1, 1, 0)
+
+
+def test_ground_of_more_than_192_px_of_disparity_is_not_scored(sight):
+    wide = replace(sight.rig, baseline=0.8 * 192 / sight.rig.camera.fx)  # 192 px at 0.8 m
+    true, depth = sight.true_depth.copy(), 1.1 * sight.true_depth
+    true[100:], depth[100:] = 0.6, 6.0
+    assert look_abs_rel(replace(sight, rig=wide, true_depth=true, depth=depth)) == pytest.approx(0.1)
+
+
 def test_unknown_depth_misses_the_rock_within_8_m(sight):
     assert look_rock_errors(sight) == RockErrors(1, 1, 0)
     assert look_abs_rel(sight) > 4 and is_blind(sight)  # unknown counts as 80 m

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from envs.courses.course import EDGE
-from envs.world.referee import STEPS_PER_METRE
+from envs.world.referee import GOAL_RADIUS, STEPS_PER_METRE, Referee
+from marssim.base.rover_spec import ZHURONG
 from marssim.physics.state import Contacts
 
 AHEAD = np.array([1, 0], np.float32)
@@ -21,6 +22,11 @@ def test_a_rock_in_the_way_is_a_collision(on_course, make_scene, make_course, dy
     # its front was about to touch the rock's outline
     assert -1.7 < env.vehicle.state().position[0] < -1.0
     assert info["min_clearance"] < 0.15
+
+
+def test_a_goal_is_reached_at_its_radius(on_course, make_scene, make_course):
+    env = on_course(make_course(make_scene(), start=(2.0, 0.0, 0.0), goal=(2.0 + GOAL_RADIUS, 0.0)))
+    assert env.step(np.zeros(2))[4]["outcome"] == "goal"
 
 
 def test_leaving_the_ground_is_out_of_bounds(on_course, make_scene, make_course):
@@ -79,6 +85,10 @@ def test_time_truncates(make_env):
     assert all(not terminated for terminated, _, _ in ends)
     assert [truncated for _, truncated, _ in ends] == [False] * (len(ends) - 1) + [True]
     assert ends[-1][2]["outcome"] == "time"
+
+
+def test_parts_of_a_metre_count_in_the_time_limit(make_scene, make_course):
+    assert Referee(make_course(make_scene()), ZHURONG, 3.26).time_limit == 49  # 48.9 steps
 
 
 def test_a_steep_slope_is_a_tilt(on_course, make_scene, make_course):
