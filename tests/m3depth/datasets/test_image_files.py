@@ -12,10 +12,14 @@ def write(path, image):
     return path
 
 
-def test_sixteen_bit_is_scaled_by_one_factor_for_both_eyes(tmp_path):
+@pytest.mark.parametrize("names", ["lr", "rl"])
+def test_sixteen_bit_is_scaled_by_one_factor_for_both_eyes(tmp_path, names):
     grey = (np.arange(40 * 50).reshape(40, 50) * 20).astype(np.uint16)
-    left, right = read_pair(write(tmp_path / "l.png", grey), write(tmp_path / "r.png", grey // 2))
-    assert left.dtype == np.uint8 and left.max() == 255 and abs(int(right.max()) - 128) <= 1
+    for name, image in zip(names, (grey, grey // 2)):
+        write(tmp_path / f"{name}.png", image)
+    eyes = dict(zip("lr", read_pair(tmp_path / "l.png", tmp_path / "r.png")))
+    bright, dark = (eyes[name] for name in names)
+    assert bright.dtype == np.uint8 and bright.max() == 255 and abs(int(dark.max()) - 128) <= 1
 
 
 def test_a_hot_pixel_does_not_darken_a_sixteen_bit_pair(tmp_path):

@@ -14,7 +14,9 @@ import tyro
 from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.folders import matches
+from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.open import detect, open_pairs
+from m3depth.datasets.pair_files import SHIFT_KEY
 from m3depth.datasets.state import state_of_pairs
 from m3depth.evaluation.without_truth.pairs import are_without_truth
 from m3depth.prediction.options import PredictOptions
@@ -169,6 +171,15 @@ def test_middlebury_moves_the_right_eye_by_doffs(tmp_path) -> None:
     np.testing.assert_array_equal(sample.occluded, outside)
 
 
+def test_the_shift_of_a_reduced_pair_counts_its_own_pixels(tmp_path) -> None:
+    scene = tmp_path / "Adirondack"
+    for name, content in (("im0.png", image(1)), ("im1.png", image()), ("disp0.pfm", ramp())):
+        put(scene / name, content)
+    put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=27.5, doffs=8))
+    shifts = [open_pairs(tmp_path, "all", DataConfig(resize=resize))[0].meta[SHIFT_KEY] for resize in (1.0, 0.5)]
+    assert shifts == [8, 4]
+
+
 def test_a_right_image_that_would_be_moved_out_of_view_is_refused(tmp_path) -> None:
     scene = tmp_path / "Adirondack"
     for name, content in (("im0.png", image(1)), ("im1.png", image()), ("disp0.pfm", ramp())):
@@ -236,6 +247,20 @@ def test_oaisys_with_its_own_config(tmp_path) -> None:
     other = DataConfig(focal=60, baseline=0.3, left="sensorRight", right="sensorLeft")
     with pytest.raises(DatasetError, match=r"0001sensorRight_pinhole_depth_00\.exr: no such file"):
         open_pairs(tmp_path, "all", other)[0]
+
+
+def test_oaisys_moves_the_right_eye_by_the_difference_of_the_principal_points(tmp_path) -> None:
+    path = oaisys_tree(tmp_path)
+    config = json.loads(path.read_text())
+    config["SENSOR_SETUP"]["SENSORS"][1]["sensorParams"]["KMatrix"][2] = 22.5
+    path.write_text(json.dumps(config))
+    right = image(1)
+    put(tmp_path / "batch_0001" / "sensorRight" / "0001sensorRight_rgb_00.png", np.roll(right, 3, axis=1))
+    sample = open_pairs(tmp_path, "all", DataConfig(calib=path))[0]
+    np.testing.assert_array_equal(sample.right[:, :-3], right[:, :-3, ::-1])
+    np.testing.assert_allclose(sample.disparity[5:], 50 * 0.27 / 4)
+    rig = oaisys_rig(path, DataConfig())
+    assert rig is not None and rig.shift == sample.meta[SHIFT_KEY] == 3
 
 
 def test_sensors_of_oaisys_are_named_as_the_message_asks(tmp_path) -> None:
@@ -453,6 +478,16 @@ def test_the_depth_of_reduced_pairs_is_that_of_the_reduced_camera(tmp_path, resi
     assert error[2:-2, 2 : middle - 2].max() < 0.01
     near = np.minimum(np.abs(sample.depth / truth[:, :1] - 1), np.abs(sample.depth / 9.0 - 1))
     assert near[2:-2].max() < 0.1  # of one surface or the other
+
+
+def test_disparities_shrink_with_the_width_where_the_height_is_rounded(tmp_path) -> None:
+    """40 x 24 px become 12 x 7, and 24 rows are not 7 / 0.3."""
+    patterns(tmp_path, value=np.full((H, W), 5.0, np.float32))
+    names = {"left": "a/*_left.jpg", "right": "a/*_right.jpg", "depth": "a/*_map.npy"}
+    sample = open_pairs(tmp_path, "all", DataConfig(**names, focal=50, baseline=1, resize=0.3))[0]
+    assert sample.depth.shape == (7, 12)
+    np.testing.assert_allclose(sample.depth, 5, rtol=1e-3)
+    np.testing.assert_allclose(sample.disparity, 0.3 * 50 / 5, rtol=1e-3)
 
 
 def test_an_unknown_folder_says_which_flags_to_give(tmp_path) -> None:

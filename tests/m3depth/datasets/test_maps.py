@@ -64,6 +64,11 @@ def test_an_infinite_depth_is_sky_but_unknown_in_a_pfm(tmp_path, ending, expecte
     np.testing.assert_array_equal(depth[0, :3], np.float32([expected, np.inf, DEPTH[0, 2]]))
 
 
+def test_a_depth_of_one_kilometre_and_more_is_sky(tmp_path) -> None:
+    put(tmp_path / "depth.npy", np.float32([[999, 1000, 5000]] * 2))
+    np.testing.assert_array_equal(read_map(tmp_path / "depth.npy", "depth"), [[999, np.inf, np.inf]] * 2)
+
+
 @pytest.mark.parametrize("ending", ["npy", "tiff", "pfm", "exr"])
 def test_a_map_of_channels_that_differ_is_refused_and_one_of_equal_channels_is_read(tmp_path, ending) -> None:
     path, gaps = tmp_path / f"depth.{ending}", DEPTH.copy()

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+from plane_target import CAMERA, plane
 
 from m3depth.network.config import M3DepthConfig
-from m3depth.network.fine_correction import MAPS, FineCorrection, warp_right
+from m3depth.network.fine_correction import MAPS, MATCHED, FineCorrection, warp_right
 from m3depth.network.model import M3Depth
 
 
@@ -30,6 +31,29 @@ def test_the_true_disparity_matches_best() -> None:
     left = torch.roll(right, 5, 3)
     scores = [float((left * warp_right(right, torch.full((1, 1, 4, 40), d)))[..., 10:].mean()) for d in (4.0, 5.0, 6.0)]
     assert scores[1] > 0.8 and max(scores[0], scores[2]) < 0.3
+
+
+def test_pixels_of_the_image_are_matched_on_a_grid_of_half_its_size() -> None:
+    torch.manual_seed(0)
+    fine = FineCorrection(features=8, hidden=8, width=8)
+    right = torch.randn(1, MATCHED, 4, 40)
+    scores = fine._scores(torch.cat([torch.roll(right, 5, 3), right]), torch.full((1, 1, 4, 40), 10.0))
+    mean = scores[..., 10:-2].mean((0, 2, 3))
+    assert mean.argmax() == fine.radius and mean[fine.radius] > 0.8
+
+
+def test_the_normals_that_the_disparity_implies_are_those_of_the_plane() -> None:
+    torch.manual_seed(0)
+    fine = FineCorrection(features=8, hidden=8, width=8)
+    seen: list[torch.Tensor] = []
+    fine.first.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    disparity, normal = (x.float() for x in plane((0.2, -0.5, -1.0), 32, 48))
+    maps = torch.cat([disparity, normal, torch.zeros(1, 2, 32, 48)], 1)
+    left, right = torch.randn(2, 1, 8, 16, 24)
+    fine(left, right, torch.randn(1, 8, 8, 12), maps, CAMERA.float())
+    given, implied = seen[0][:, -8:-5], seen[0][:, -5:-2]
+    torch.testing.assert_close(given, normal[..., ::2, ::2])
+    torch.testing.assert_close(implied[..., 1:-1, 1:-1], given[..., 1:-1, 1:-1], atol=1e-3, rtol=0)
 
 
 def test_a_new_correction_corrects_nothing_and_learns() -> None:

@@ -10,6 +10,7 @@ from m3depth.network.geometry import (
     face_camera,
     normals_from_disparity,
     pixel_rays,
+    relief,
     scale_camera,
     sobel,
     unit,
@@ -53,6 +54,10 @@ def test_normals_of_planes_are_exact(nx: float, ny: float) -> None:
     computed = normals_from_disparity(16.2 / depth, CAMERA)
     expected = normal[:, None, None].expand(3, 10, 18)
     torch.testing.assert_close(computed[0, :, 1:-1, 1:-1], expected, atol=1e-9, rtol=0)
+
+
+def test_a_level_disparity_has_no_relief_up_to_the_border() -> None:
+    assert not relief(torch.full((1, 1, 6, 9), 20.0)).any()
 
 
 def test_sobel_of_an_affine_map() -> None:

@@ -3,8 +3,8 @@ import pytest
 import torch
 from turned_pairs import RIG, slope, turned
 
-from m3depth.network.inference import infer_pair, working_sizes
-from m3depth.network.output import StereoOutput
+from m3depth.network.inference import infer_pair, prediction_of, working_sizes
+from m3depth.network.output import PlainMaps, StereoOutput
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM
 
@@ -32,6 +32,14 @@ def test_sizes_end_at_the_pixels_of_the_images(
 
 def test_networks_without_refinement_work_at_one_size() -> None:
     assert working_sizes(NATECAM.resized(2048, 2048), 192.0, 0.84, refines=False) == [(513, 513)]
+
+
+def test_a_disparity_grows_with_the_width_of_its_images() -> None:
+    """From 35 x 16 to 70 x 33 px, whose height is more than doubled."""
+    rig = NATECAM.resized(70, 33)
+    prediction = prediction_of(PlainMaps(torch.full((1, 1, 16, 35), 5.0), None, None, None), rig)
+    np.testing.assert_allclose(prediction.disparity, np.full((33, 70), 10), rtol=1e-6)
+    np.testing.assert_allclose(prediction.depth, rig.fb / 10, rtol=1e-6)
 
 
 @pytest.mark.parametrize("apart", [0.0, 1.3])

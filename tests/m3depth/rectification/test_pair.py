@@ -97,6 +97,15 @@ def test_align_mends_a_calibration_that_is_nearly_right(raw):
     assert aligned.matches.after.median < 0.09
 
 
+def test_what_two_rounds_of_align_take_out_is_reported_as_one_correction(raw):
+    pair = PAIRS["radtan"]
+    lens = replace(pair.right.lens, cy=pair.right.lens.cy - 6)
+    turned = PosedPair(pair.left, replace(pair.right, lens=lens, rotation=pair.right.rotation @ _turn(0.06).T))
+    result = rectify_pair(*raw["radtan"], turned, align=True)
+    assert result.removed.terms[0] == pytest.approx(6 * result.view.left.fy / lens.fy, abs=0.15)
+    assert result.removed.terms[1] == pytest.approx(0.06 * SIZE[0] / 2, abs=0.15)
+
+
 def _turn(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.masks import read_valid
-from m3depth.rectification.raw_image import RawImage, masked
+from m3depth.rectification.raw_image import RawImage, masked, read_raw_pair
 
 
 @pytest.mark.parametrize("white", [np.uint8(1), np.uint16(1), np.uint16(65535)])
@@ -19,3 +19,16 @@ def test_rectify_and_predict_read_one_mask_alike(tmp_path, white):
     expected = np.broadcast_to(np.arange(8) >= 4, (6, 8))
     np.testing.assert_array_equal(masked(image, tmp_path / "mask.png").valid, expected)
     np.testing.assert_array_equal(read_valid(None, tmp_path / "mask.png", (6, 8)), expected)
+
+
+@pytest.mark.parametrize("names", [("left.png", "right.png"), ("right.png", "left.png")])
+def test_the_floats_of_both_eyes_have_one_black_and_one_white(tmp_path, monkeypatch, names):
+    narrow = np.linspace(50, 100, 48, dtype=np.float32).reshape(6, 8)
+    wide = np.linspace(0, 200, 48, dtype=np.float32).reshape(6, 8)
+    given = dict(zip(names, (narrow, wide)))
+    for name in names:
+        (tmp_path / name).touch()
+    monkeypatch.setattr("m3depth.rectification.raw_image.read_image", lambda path: given[path.name])
+    for image in read_raw_pair(tmp_path / "left.png", tmp_path / "right.png"):
+        assert image.pixels.dtype == np.uint16
+        np.testing.assert_allclose(image.pixels, given[image.path.name] * 325, atol=1)  # 65000 at 200

@@ -43,3 +43,12 @@ def test_an_edge_between_sparse_pixels_is_one_and_what_is_known_but_not_trained_
     far.label[..., 3, 3] = False
     reduced, _ = reduce_target(far, 8, torch.ones_like(far.disparity))
     assert not reduced.label[0, 0, 0, 0] and reduced.label.sum() == 3
+
+
+def test_a_cell_weighs_as_much_as_the_heaviest_of_its_middle_pixels() -> None:
+    target = make_target()
+    weight = torch.ones_like(target.disparity)
+    weight[..., 3, 4] = 5
+    weight[..., 8:, 8] = 9  # beside the middle of their cells
+    _, reduced = reduce_target(target, 8, weight)
+    assert reduced[0, 0].tolist() == [[5, 1, 1], [1, 1, 1]]

@@ -237,6 +237,7 @@ def test_no_disparity_is_trusted_in_the_sky_however_small() -> None:
     target = make_target()
     target.sky[..., :8, :], target.label[..., :8, :], target.disparity[..., :8, :] = True, False, 0
     output = output_of(target, 0.3)
+    assert total_loss(output, target, LossConfig())[1]["confidence"] > 5, "half the image is trusted wrongly"
     output.confidence[..., :8, :] = -20.0
     assert total_loss(output, target, LossConfig())[1]["confidence"] < 1e-3
 

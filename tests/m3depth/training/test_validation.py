@@ -16,13 +16,13 @@ from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth
 from m3depth.network.output import StereoOutput
 from m3depth.stereo.pairs import spread
-from m3depth.training.batch import Target
+from m3depth.training.batch import Target, whole_batch
 from m3depth.training.config import TrainConfig
 from m3depth.training.log import Log
 from m3depth.training.packing import pack
 from m3depth.training.run import Run
 from m3depth.training.samples import JoinedPairs
-from m3depth.training.validation import PANEL_PAIRS, Validator, error_sums, validate
+from m3depth.training.validation import PANEL_PAIRS, Validator, error_sums, predict_batch, validate
 
 SHAPE = (1, 1, 8, 12)
 
@@ -63,6 +63,16 @@ def test_normals_are_scored_where_the_true_ones_are_known() -> None:
     assert total == pytest.approx(0, abs=0.1) and count == SHAPE[2] * (SHAPE[3] - 5)
 
 
+def test_rocks_are_scored_where_their_disparity_is_known() -> None:
+    label = torch.ones(SHAPE, dtype=torch.bool)
+    label[..., :4] = False
+    target = target_of(torch.full(SHAPE, 20.0), label)
+    rock = torch.zeros_like(label)
+    rock[..., 2:5, 2:6] = True
+    output = output_of(torch.where(label, 20.5, 120.0), target)
+    assert error_sums(output, target._replace(rock=rock))["rock_epe"] == (0.5 * 3 * 2, 3 * 2)
+
+
 def test_ground_taken_for_sky_is_counted_over_the_ground_and_missed_sky_over_the_sky() -> None:
     label = torch.ones(SHAPE, dtype=torch.bool)
     label[..., :2, :] = False
@@ -88,6 +98,16 @@ def test_networks_are_validated_together_on_pairs_that_are_read_once(plane_sampl
     for network, scores in zip(networks, together, strict=True):
         assert [scores] == [pytest.approx(alone, nan_ok=True) for alone in validate([network], packed, device)]
     assert together[0]["epe"] != together[1]["epe"]
+
+
+def test_every_score_of_a_validation_is_the_mean_over_its_own_pixels_of_all_pairs(plane_samples) -> None:
+    network, packed = M3Depth(SMALL).eval(), [pack(sample) for sample in plane_samples[:2]]
+    sums = [error_sums(*predict_batch(network, whole_batch(pair))) for pair in packed]
+    assert len({count for pair in sums for _, count in pair.values()}) > 4
+    (scores,) = validate([network], packed, torch.device("cpu"))
+    totals = {name: np.sum([pair[name] for pair in sums], axis=0) for name in sums[0]}
+    expected = {name: total / count if count else np.nan for name, (total, count) in totals.items()}
+    assert scores == pytest.approx(expected, nan_ok=True)
 
 
 def test_a_validation_holds_one_pair_at_a_time(plane_samples) -> None:
