@@ -181,6 +181,16 @@ def test_the_weight_of_a_cell_saturates_at_four_looks():
         np.testing.assert_allclose(weights[n], expected * weights[0], rtol=1e-5)
 
 
+def test_the_weight_of_a_look_is_the_inverse_square_of_its_range_error():
+    """The error is z^2 / (f b) for each pixel of disparity: at twice the distance a look weighs a sixteenth."""
+    elevation, z = ElevationMap(SMALL), np.array([3.0, 6.0])
+    points = np.array([[3.05, 0.05, 0.0], [6.05, 0.05, 0.0]])
+    elevation._fuse(points, z, np.ones(2), np.ones(2, bool), SMALL_RIG.fb)
+    ix, iy = elevation.cell_of(points[:, :2]).T
+    error = z**2 / SMALL_RIG.fb * SMALL.disparity_sigma
+    np.testing.assert_allclose(elevation.weight[iy, ix], 1 / error**2, rtol=1e-5)
+
+
 @pytest.mark.parametrize("distance", [2.5, 4.0, 6.0])
 def test_low_rocks_keep_their_height(distance):
     camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(NATECAM.baseline)
@@ -233,6 +243,17 @@ def test_measurements_replace_the_assumed_ground():
     look(elevation, RockWorld(), body_pose(0, 0, 0))
     ix, iy = elevation.cell_of(np.array([3.0, 0.0]))
     assert elevation.top[iy, ix] == pytest.approx(0, abs=0.01) and elevation.low[iy, ix] == pytest.approx(0, abs=0.01)
+
+
+def test_the_assumed_ground_is_as_steep_as_the_rover_stands():
+    elevation, pose = ElevationMap(SMALL), body_pose(1.0, 2.0, 0.0)
+    c, s = np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))
+    pose[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]  # the nose up
+    elevation.assume_flat(pose, 3.0)
+    plane = np.tan(np.deg2rad(20)) * (elevation.centres()[0] - 1.0) + np.zeros((elevation.n, 1))
+    assert elevation.known.sum() > 2000
+    for layer in (elevation.top, elevation.low):
+        np.testing.assert_allclose(layer[elevation.known], plane[elevation.known], atol=1e-5)
 
 
 def test_wrong_shapes_are_refused():

@@ -8,6 +8,7 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import ElevationConfig, ElevationMap
+from nav.ground.hidden_drops import HiddenDropConfig, _gaps
 from nav.ground.traversability import TraversabilityConfig, assess
 
 SMALL = ElevationConfig(size=16.0)
@@ -69,6 +70,8 @@ def test_ground_that_a_later_look_shows_is_no_possible_drop_any_more():
     seen = both.measured & first.possible_drop
     assert seen.sum() > 10 and not both.possible_drop[seen].any()
     assert np.nanmin(both.low[seen]) == pytest.approx(-0.5, abs=0.05)
+    floor = seen & (both.centres()[0] < 3.6)  # away from the edge of what is known
+    assert floor.sum() > 10 and not assess(both, ZHURONG, TraversabilityConfig()).blocked[floor].any()
 
 
 def test_a_brink_with_nothing_behind_it_is_a_possible_drop():
@@ -126,3 +129,17 @@ def test_the_marks_move_with_the_map_and_are_forgotten_with_it():
     np.testing.assert_allclose(np.array(drops(elevation)), before, atol=1e-6)
     elevation.clear((0.0, 0.0))
     assert not elevation.possible_drop.any()
+
+
+def test_a_gap_lies_between_the_points_of_two_pixels_of_its_column():
+    camera = body_pose(0.4, -0.3, 0.5) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = np.minimum(trench().depth(SMALL_RIG, camera), 50.0)
+    columns = np.array([60, 90, 130])
+    column, near, far = _gaps(depth, depth < 50, columns, SMALL_RIG, camera, HiddenDropConfig())
+    u, v = np.rint(SMALL_RIG.camera.project((near - camera[:3, 3]) @ camera[:3, :3])).astype(int).T
+    points = SMALL_RIG.camera.unproject(depth) @ camera[:3, :3].T + camera[:3, 3]
+    np.testing.assert_array_equal(column, columns)
+    np.testing.assert_array_equal(u, columns)
+    np.testing.assert_allclose(near, points[v, u], atol=1e-4)
+    np.testing.assert_allclose(far, points[v - 1, u], atol=1e-4)
+    assert np.abs(near[:, 2]).max() < 1e-4 and far[:, 2].max() < -0.3

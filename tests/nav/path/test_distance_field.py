@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawn_maps import flat_map_with_rocks
@@ -40,3 +42,13 @@ def test_goals_outside_the_map_pull_to_the_border():
     assert field.at(np.array([0.0, 0.0])) == pytest.approx(50.0, abs=0.5)
     assert field.at(np.array([3.0, 0.0])) < field.at(np.array([-3.0, 0.0])) - 5.5
     assert np.isinf(field.at(np.array([30.0, 0.0])))
+
+
+def test_a_cell_of_the_field_costs_what_its_dearest_ground_does():
+    """The goal lies in the cell beside; the way out of the dear cell is half in each."""
+    elevation, ground = flat_map_with_rocks()
+    cost = np.zeros_like(ground.cost)
+    cost[81, 80] = 8.0
+    field = DistanceField(elevation, 2, 30.0)
+    field.update(elevation, replace(ground, cost=cost), np.array([0.3, 0.1]))
+    assert field.values[40, 41] == 0 and field.values[40, 40] == pytest.approx(0.2 * (1 + (1 + 8)) / 2)

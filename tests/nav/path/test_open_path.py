@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from drawn_maps import flat_map_with_rocks
 from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.base.rover_spec import ZHURONG
@@ -41,3 +42,14 @@ def test_no_path_is_open_where_the_ground_ahead_is_unknown():
     assert not is_open(planner, elevation, ground, PLACE, GOAL)
     planner.update(elevation, ground, GOAL)
     assert not is_closed(planner.field, PLACE, GOAL)  # no known obstacle closes it
+
+
+@pytest.mark.parametrize(("seen_to", "leads_on"), [(2.0, True), (1.0, False)])
+def test_a_motion_away_from_the_goal_begins_no_open_path(seen_to, leads_on):
+    """Beyond seen_to the ground is unknown: where it lies at the wheels, the rover turns aside and drives there."""
+    elevation, ground = flat_map_with_rocks(seen=lambda x, y: x < seen_to)
+    planner = Planner(ZHURONG, PlannerConfig(), elevation)
+    goal = np.array([7.0, 0.0])
+    assert is_open(planner, elevation, ground, PLACE, goal) is leads_on
+    motion = planner.plan(elevation, ground, PLACE, goal)
+    assert (np.hypot(*(motion.poses[-1, :2] - goal)) < 7.0) == leads_on and not is_closed(planner.field, PLACE, goal)

@@ -131,4 +131,6 @@ def test_a_plan_keeps_all_that_it_compared_with_the_parts_of_their_costs():
     assert (compared.end[free] <= CONFIG.lookahead + 1e-6).all() and (compared.parts["way"] == compared.end).all()
     arcs = compared.turn == 0
     assert (compared.parts["turn"][arcs] == 0).all() and (compared.parts["turn"][~arcs] > 0).all()
+    bend = CONFIG.bend_cost * abs(compared.curvature * compared.end)
+    np.testing.assert_allclose(compared.parts["bend"][arcs], bend[arcs])
     np.testing.assert_allclose(compared.parts["change"][arcs], CONFIG.change_cost * abs(compared.curvature - 0.2)[arcs])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawn_maps import flat_map_with_rocks, map_of_height
@@ -16,6 +18,15 @@ def test_on_a_plane_the_tilt_is_the_planes(slope_deg, towards, yaw):
     assert np.rad2deg(place.tilt) == pytest.approx(slope_deg, abs=3)  # cells of 0.1 m round the wheels' heights
     # the highest cell within 0.15 m, under wheels and belly alike
     assert place.clearance == pytest.approx(ZHURONG.belly_clearance, abs=0.06)
+
+
+@pytest.mark.parametrize("yaw", [0.0, np.pi / 2])
+def test_across_and_along_a_slope_the_tilt_is_exact(yaw):
+    """Wheels that are whole cells apart in both directions rest on cells that are as far apart."""
+    slope = map_of_height(lambda x, y: np.tan(np.deg2rad(15)) * y)
+    spec = replace(ZHURONG, wheel_x=(0.6, 0.0, -0.6))
+    place = StanceModel(slope, spec).at(np.array([0.05, 0.05, yaw]))
+    assert np.rad2deg(place.tilt) == pytest.approx(15, abs=0.01)
 
 
 def test_a_wheel_on_a_stone_tilts_and_a_stone_under_the_belly_takes_room():
