@@ -105,6 +105,14 @@ def test_the_point_spread_has_its_standard_deviation():
     assert (spread * (centre - 19.5) ** 2).sum() / spread.sum() == pytest.approx(0.6**2, rel=0.1)
 
 
+def test_a_thin_line_spreads_by_the_standard_deviation():
+    """On black, the codes also show the light that falls two pixels away, a four-hundredth."""
+    radiance, away = flat(0.0, 41), np.arange(41) - 20
+    radiance[:, 20] = 0.9
+    row = linear(replace(CLEAN, psf=0.6).expose(radiance, 1.0, np.random.default_rng(0)))[20, :, 0]
+    assert (row * away**2).sum() / row.sum() == pytest.approx(0.6**2, rel=0.04)
+
+
 def test_darkness_is_nearly_black_and_overexposure_nearly_white():
     sensor = replace(CLEAN, full_well=4000, read_noise=4)
     assert sensor.expose(flat(0.0), 1.0, np.random.default_rng(0)).max() < 30

@@ -24,6 +24,15 @@ def test_dust_is_soft_and_the_same_at_every_resolution():
     assert np.abs(np.diff(fine, axis=1)).max() < 0.05
 
 
+def test_dust_adds_light_where_it_takes_some_away():
+    light, passed = 0.4, transmission(0.4, 1, 0, (60, 80))[..., None]
+    behind = through_dust(np.full((60, 80, 3), light, np.float32), 0.4, 1, 0)
+    added = (behind - passed * light) / ((1 - passed) * light)  # as a share of what is taken away
+    assert 1 - passed.max() > 0.05 and np.ptp(passed) > 0.05
+    np.testing.assert_allclose(added, added[0, 0, 0], rtol=1e-3)
+    assert 0.3 <= added[0, 0, 0] <= 1.1
+
+
 def test_dust_keeps_a_uniform_scene_within_its_scattered_light_and_lowers_contrast():
     level = np.full((60, 80, 3), 0.4, np.float32)
     assert np.abs(through_dust(level, 0.4, 1, 0) / 0.4 - 1).max() < 0.75

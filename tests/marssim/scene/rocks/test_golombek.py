@@ -31,6 +31,13 @@ def test_drawn_diameters_cover_and_scatter_as_the_law_says():
     assert np.std(areas) == pytest.approx(spread, rel=0.2)
 
 
+def test_rocks_beyond_the_largest_diameter_are_left_out_and_not_made_smaller():
+    d = draw_diameters(0.4, 2.0, 1e6, np.random.default_rng(0))
+    for diameter in (2.0, 2.499):
+        expected = 1e6 * (number_density(np.array(diameter), 0.4) - number_density(np.array(MAX_DIAMETER), 0.4))
+        assert np.sum(d >= diameter) == pytest.approx(expected, abs=4 * np.sqrt(expected))
+
+
 def test_no_rocks_at_k_zero():
     assert len(draw_diameters(0.0, 0.1, 900.0, np.random.default_rng(0))) == 0
     for law in (covered_area(np.array([0.1]), 0.0), number_density(np.array([0.1]), 0.0)):

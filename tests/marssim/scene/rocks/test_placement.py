@@ -39,6 +39,13 @@ def test_rocks_lie_in_their_ring_evenly(inner, width, seed):
     assert np.abs(np.mean(np.sign(xy), axis=0)).max() < 0.25
 
 
+def test_the_corners_of_a_ring_are_as_dense_as_its_sides():
+    n = 4000
+    xy = place(np.full(n, 1e-4), np.full(n, 4.0), np.full(n, 5.0), cluster=0.0, rng=np.random.default_rng(0))
+    share = np.mean((np.abs(xy) > 4).all(axis=1))  # four squares of 1 m2, in a ring of 36 m2
+    assert share == pytest.approx(1 / 9, abs=0.02)  # 4 standard deviations
+
+
 def test_clustered_rocks_lie_closer_to_larger_ones():
     d = draw_diameters(0.1, 0.1, 900.0, np.random.default_rng(0))
     large = d > np.quantile(d, 0.7)
