@@ -12,7 +12,7 @@ from marssim.engines.embree import TriangleRays
 from marssim.generation.config import GenerateConfig
 from marssim.generation.scene_views import draw_scene
 from marssim.mesh import SUFFIXES, encode_mesh, main, scene_mesh
-from marssim.render.surfaces.albedo import GROUND_COLOUR
+from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR
 
 RIG = StereoRig(PinholeCamera.centred(96, 96, 110.0), 0.27)
 
@@ -94,6 +94,16 @@ def test_without_surroundings_the_mesh_ends_with_the_fine_square(scene):
     # what is kept is as it was
     kept = scene.rocks.vertices[np.unique(scene.rocks.faces[inside[scene.rocks.face_rock]])]
     np.testing.assert_array_equal(parts["rocks"].vertices, kept)
+
+
+def test_each_rock_has_its_own_brightness(scene):
+    rocks = replace(scene.rocks, albedo=np.where(np.arange(len(scene.rocks)) % 2, 0.3, 0.9))
+    kept = (np.abs(rocks.centre[:, :2]) <= scene.half).all(axis=1)[rocks.face_rock]
+    part = scene_mesh(replace(scene, rocks=rocks), surroundings=False)["rocks"]
+    np.testing.assert_array_equal(part.triangles, rocks.vertices[rocks.faces[kept]])
+    brightness = np.repeat(rocks.albedo[rocks.face_rock[kept], None], 3, axis=1)  # of the corners of each face
+    colours = part.visual.vertex_colors[part.faces, :3]
+    np.testing.assert_array_equal(colours, np.round(255 * brightness[..., None] * np.array(ROCK_COLOUR)))
 
 
 def test_a_place_without_rocks_has_none(scene):
