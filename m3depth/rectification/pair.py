@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from m3depth.rectification.matches import matched_points
 from m3depth.rectification.raw_image import RawImage, for_matching
-from m3depth.rectification.row_errors import RowCorrection, RowErrors, fit_rows, row_errors
+from m3depth.rectification.row_errors import POWERS, RowCorrection, RowErrors, fit_rows, row_errors
 from marssim.base.calibration.cameras import PosedCamera, PosedPair
 from marssim.base.calibration.orientation import RectifiedView, rectified_view
 from marssim.base.calibration.rectified import Calibration
@@ -223,4 +223,6 @@ def _shifted(source: Source, by: float) -> Source:
 def _sum(first: RowCorrection, second: RowCorrection) -> RowCorrection:
     """Return about what two corrections, one after the other, take out, for the report."""
     terms = tuple(a + b for a, b in zip(first.terms, second.terms))
-    return replace(first, terms=terms, error=second.error)
+    x, y = np.meshgrid(*(np.linspace(-1, 1, 21) * half / first.unit for half in first.middle))
+    size = np.sqrt(np.mean(sum(c * x**i * y**j for c, (i, j) in zip(terms, POWERS)) ** 2))
+    return replace(first, terms=terms, error=second.error, size=float(size))
