@@ -105,7 +105,7 @@ def test_what_two_rounds_of_align_take_out_is_reported_as_one_correction(raw):
     assert result.removed.terms[0] == pytest.approx(6 * result.view.left.fy / lens.fy, abs=0.15)
     assert result.removed.terms[1] == pytest.approx(0.06 * SIZE[0] / 2, abs=0.15)
     offset, roll = result.removed.terms[:2]
-    assert result.removed.size == pytest.approx(np.sqrt(offset**2 + roll**2 / 3), rel=0.05)  # over the whole image
+    assert result.removed.size == pytest.approx(np.sqrt(offset**2 + roll**2 / 3), rel=0.1)  # over the whole image
 
 
 def _turn(angle: float) -> np.ndarray:
