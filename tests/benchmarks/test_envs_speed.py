@@ -1,4 +1,5 @@
-from time import perf_counter
+from collections import defaultdict
+from time import perf_counter, process_time
 
 import gymnasium
 import numpy as np
@@ -20,6 +21,32 @@ def test_reset_and_step_with_ground_truth(clock, dynamics):
     action = np.array([0.2, 0.1], dtype=np.float32)
     assert clock(f"step, ground truth, {dynamics}", lambda: env.step(action), 10) > 0
     env.close()
+
+
+@pytest.mark.parametrize("with_map", [False, True])
+def test_resets_in_new_and_in_kept_scenes(capsys, with_map):
+    """Processor time, medians: of resets with a seed, which make a new scene, of others in it, and of steps."""
+    env = MarsNavEnv(
+        "ground_truth", "kinematic", map_observation=with_map, goal_distance=10, k=(0.1, 0.2), episodes_per_scene=8
+    )
+    env.reset(seed=0)
+    action, spent = np.array([0.3, 0.1], np.float32), defaultdict(list)
+
+    def timed(name, call):
+        start = process_time()
+        call()
+        spent[name].append(process_time() - start)
+
+    for seed in range(1, 9):
+        timed("new scene", lambda seed=seed: env.reset(seed=seed))
+        for _ in range(3):
+            timed("kept scene", env.reset)
+            for _ in range(6):
+                timed("step", lambda: env.step(action))
+    env.close()
+    with capsys.disabled():
+        print(f"\nmap_observation={with_map}:", *(f"{name} {np.median(t):.3f} s" for name, t in spent.items()), end="")
+    assert np.median(spent["kept scene"]) < np.median(spent["new scene"])
 
 
 @pytest.mark.parametrize("runtime", ["pytorch", "openvino"])
