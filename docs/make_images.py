@@ -24,7 +24,7 @@ import trimesh
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.images.colours import depth_colours, normal_colours
 from marssim.engines.embree import TriangleRays
-from marssim.mesh import GAMMA, scene_mesh
+from marssim.mesh import scene_mesh, screen_colours
 from marssim.render.sensor import Sensor
 from marssim.render.view import SceneRenderer
 from marssim.scene.presets import PRESETS, preset
@@ -130,7 +130,7 @@ def mesh() -> np.ndarray:
     rays = (NATECAM.camera.rays() @ frame.pose[:3, :3].T).reshape(-1, 3)
     face, _ = TriangleRays(parts.vertices, parts.faces).meet(frame.pose[None, :3, 3], rays)
     light = 0.4 + 0.6 * np.clip(parts.face_normals[face] @ scene.look.sun, 0, 1)[:, None]
-    colours = 255 * (parts.visual.vertex_colors[parts.faces[face, 0], :3] / 255) ** (1 / GAMMA)
+    colours = screen_colours(parts.visual.vertex_colors[parts.faces[face, 0], :3])
     shaded = np.where(face[:, None] >= 0, np.clip(1.3 * colours * light, 0, 255), 200).astype(np.uint8)
     return np.hstack([shaded.reshape(frame.left.shape), frame.left])
 

@@ -228,9 +228,9 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
 
 
 def _drop_lines_after(log: Path, choices: int) -> None:
-    """Take lines out of a log whose choices are made again, and half a line.
+    """Remove from a log what a resumed run writes again: lines later than the saved policy, and one that was cut off.
 
-    Of the first kind are those after the last saved policy. A full disk or a power cut leaves half a line.
+    Lines that this command did not write stay.
 
     Args:
         log: The log; it may not exist.
@@ -243,7 +243,7 @@ def _drop_lines_after(log: Path, choices: int) -> None:
 
 
 def _choices(line: bytes) -> float:
-    """Return the number of choices up to a line of the log; 0 where the line is none of this command."""
+    """Return the number of choices up to a line of the log; 0 for a line that this command did not write."""
     try:
         count = json.loads(line)["choices"]
     except (ValueError, KeyError, TypeError, RecursionError):

@@ -56,6 +56,7 @@ from marssim.scene.trajectory import TRAJECTORY
 __all__ = ["GenerateConfig", "generate_dataset", "generate_scene"]
 
 SHEET_SAMPLES = 12  # samples on the contact sheet
+UNKNOWN = "unknown"  # stands for the source files of pairs that a dataset of an earlier version holds
 
 
 def generate_dataset(config: GenerateConfig) -> StereoDataset:
@@ -81,21 +82,23 @@ def generate_dataset(config: GenerateConfig) -> StereoDataset:
 
 
 def _sources(config: GenerateConfig, previous: dict[str, Any] | None) -> list[str]:
-    """Return the digests of marssim's source files that rendered the pairs of a dataset, those of now included.
+    """Return the digests of the source files of marssim that rendered pairs of a dataset, with those of now.
 
-    Prints a warning if pairs are left to render and others were rendered by other source files.
+    Prints a warning if pairs are left to render and others were rendered by other source files. Pairs of a dataset that
+    does not record it are of UNKNOWN ones.
     """
-    recorded = [] if previous is None else previous.get(SOURCES)
-    earlier = [digest for digest in recorded if isinstance(digest, str)] if isinstance(recorded, list) else []
-    now = source_digest(("marssim",))
-    names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views]
+    names = _names(_scenes(config))
     present = sum(is_complete(config.out / "scenes" / name) for name in names)
+    recorded = None if previous is None else previous.get(SOURCES)
+    known = isinstance(recorded, list) and all(isinstance(digest, str) for digest in recorded)
+    earlier = list(recorded) if known else [UNKNOWN] if present else []  # type: ignore[arg-type]
     if present == len(names):
         return earlier
-    if earlier and now not in earlier and present:
+    now = source_digest(("marssim",))
+    if present and set(earlier) - {now, UNKNOWN}:
         print(
-            f"warning: {config.out}: {counted(present, 'pair')} in it came from other source files of marssim than the "
-            "ones to come, which may render differently; another --out would have them all from these files",
+            f"warning: {config.out}: {counted(present, 'pair')} in it came from another version of marssim's source "
+            "files; the missing ones may look different. Another --out has all of them from this version",
             file=sys.stderr,
         )
     return earlier if now in earlier else [*earlier, now]
@@ -103,7 +106,7 @@ def _sources(config: GenerateConfig, previous: dict[str, Any] | None) -> list[st
 
 def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
     scenes = _scenes(config)
-    names = [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
+    names = _names(scenes)
     _check_written(config.out, names)
     tasks = _shared_out(config, scenes)
     with progress(config.pairs, "pair", "generate") as bar:
@@ -148,6 +151,11 @@ def _scenes(config: GenerateConfig) -> list[range]:
     """Return the numbers of the views of each scene."""
     per_scene = config.views_per_scene
     return [range(min(per_scene, config.pairs - first)) for first in range(0, config.pairs, per_scene)]
+
+
+def _names(scenes: list[range]) -> list[str]:
+    """Return the names of all pairs, from the numbers of the views of each scene."""
+    return [f"{scene:05d}/{view:02d}" for scene, views in enumerate(scenes) for view in views]
 
 
 def _shared_out(config: GenerateConfig, scenes: list[range]) -> list[tuple[GenerateConfig, int, list[int], str | None]]:
@@ -208,7 +216,7 @@ def _check(config: GenerateConfig) -> None:
         except ValueError as error:
             raise ValueError(f"--rig-file {' '.join(map(str, config.rig_file))}: {error}") from None
     if _folder(config).check() is not None:
-        names = {f"{scene:05d}/{view:02d}" for scene, views in enumerate(_scenes(config)) for view in views}
+        names = set(_names(_scenes(config)))
         present = {f"{file.parts[-3]}/{file.parts[-2]}" for file in config.out.glob("scenes/*/[0-9]*/sample.json")}
         if more := len(present - names):
             raise DatasetError(

@@ -100,8 +100,11 @@ def encode_mesh(parts: dict[str, trimesh.Trimesh], suffix: Suffix) -> bytes:
     """Encode the parts of a scene, as of scene_mesh, as one file.
 
     Args:
-        parts: The parts by name, which .glb and .obj files keep.
+        parts: The parts by name.
         suffix: Format of the file.
+
+    Returns:
+        The content of the file. In .ply and .stl, all parts are one mesh.
     """
     world, together = trimesh.Scene(), []
     for name, part in parts.items():
@@ -109,8 +112,7 @@ def encode_mesh(parts: dict[str, trimesh.Trimesh], suffix: Suffix) -> bytes:
         if suffix == "glb":
             written.apply_transform(Y_UP)
         else:
-            colours = 255 * (written.visual.vertex_colors[:, :3] / 255) ** (1 / GAMMA)
-            written.visual.vertex_colors = np.round(colours).astype(np.uint8)
+            written.visual.vertex_colors = screen_colours(written.visual.vertex_colors[:, :3])
         together.append(written)
         world.add_geometry(written, node_name=name, geom_name=name)
     if suffix in ("ply", "stl"):
@@ -120,6 +122,11 @@ def encode_mesh(parts: dict[str, trimesh.Trimesh], suffix: Suffix) -> bytes:
     return content.encode() if isinstance(content, str) else bytes(content)
 
 
+def screen_colours(albedo: np.ndarray) -> np.ndarray:
+    """Return linear albedo (N, 3), 0 to 255, as the colours (N, 3) uint8 that a screen shows."""
+    return np.round(255 * (albedo / 255) ** (1 / GAMMA)).astype(np.uint8)
+
+
 def _ground(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
     used, inverse = np.unique(faces, return_inverse=True)
     colours = np.broadcast_to(GROUND_COLOUR, (len(used), 3))
@@ -127,7 +134,12 @@ def _ground(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
 
 
 def _bodies(bodies: Rocks, half: float | None) -> trimesh.Trimesh | None:
-    """Return bodies as one mesh; with `half`, those whose middle lies in the square of that half side. None: none."""
+    """Return bodies as one mesh, or None if there are none.
+
+    Args:
+        bodies: The bodies.
+        half: Half the side of the square in which the middle of a body lies [m]; None takes all bodies.
+    """
     inside = np.ones(len(bodies), bool) if half is None else (np.abs(bodies.centre[:, :2]) <= half).all(axis=1)
     faces = bodies.faces[inside[bodies.face_rock]]
     if not len(faces):

@@ -11,7 +11,7 @@ frame, x ahead and y left, where the rover stands level. It writes into --out, a
 
     elevation.tif        height of the ground [m]; NaN: not seen
     top.tif              height of the highest point in a cell [m]
-    weight.tif           inverse square of the range error of the best looks at a cell [1 / m2]
+    weight.tif           how sure the heights are [1 / m2]: inverse squares of the range errors of the points, summed
     step.tif             height by which a cell stands out of the ground [m]
     slope_deg.tif        slope of the ground under the rover's footprint [deg]
     roughness.tif        RMS distance of the ground from the plane of the footprint [m]
@@ -46,16 +46,14 @@ from marssim.base.pose import ROVER_KEY, recorded_pose
 from marssim.base.results.claim import ResultFolder
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
-from nav.ground.map_files import BLOCKED, UNKNOWN, layers, window_of, write_map
+from nav.ground.map_files import BLOCKED, MOST_CELLS, RESULT, UNKNOWN, layers, window_of, write_map
 from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 
 RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
-RESULT = "map.json"  # written last: a folder that has it holds a whole map
 MOSTLY = 0.9  # share of the depth that lies beyond the range from which on the map has a warning
 LEAST_CONFIDENCE = ElevationConfig.min_confidence
 LEAST_HEIGHT = 0.05  # [m] of a camera over the ground; from less, or from below, it sees something else
 LEAST_AREA = 2.0  # [m2], about that of the rover's footprint
-MOST = 4000  # cells along a side
 EDGE = 1.0  # [m] around what can be seen
 COLUMNS = 1024  # of an image that are used, roughly: more than while driving, as time does not matter here
 
@@ -244,13 +242,13 @@ def make_map(
     reach = options.max_range * max(float(np.linalg.norm(camera.rays(), axis=-1).max()) for camera in cameras)
     size = float((high - low).max()) + 2 * (reach + EDGE)
     cells = max(FEWEST_CELLS, int(np.ceil(size / options.cell)))
-    if cells > MOST:
+    if cells > MOST_CELLS:
         apart = float((high - low).max())
         flag = f"--max-range {options.max_range:g}" if 2 * reach > apart else f"--cell {options.cell:g}"
         instead = "a smaller range" if 2 * reach > apart else "larger cells, or fewer pairs"
         raise DatasetError(
             f"{flag}: the pairs lie up to {apart:.0f} m apart, and depth reaches {reach:.0f} m, so the map would have "
-            f"{cells} x {cells} cells, over {MOST} x {MOST}; give {instead}"
+            f"{cells} x {cells} cells, over {MOST_CELLS} x {MOST_CELLS}; give {instead}"
         )
     config = ElevationConfig(
         cell=options.cell, size=cells * options.cell, max_range=options.max_range,

@@ -28,7 +28,7 @@ class AblateOptions:
 
     data: tuple[Path, ...]
     """Dataset folders to train on, together: of marssim.generate or of any layout that --format lists.
-    Those of marssim need no flags of the reader, which go to the others.
+    The flags of the reader, --format to --depth-range, pass by those of marssim if there are others.
     """
     out: Path
     """Folder to write the runs, the tables and the figures to."""

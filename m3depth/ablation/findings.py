@@ -43,7 +43,8 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
     Figures are means over the test pairs, then over the seeds. Changes are relative, with the 95 % interval of the
     paired bootstrap over the scenes: views of one scene resemble each other, so its pairs are drawn together. Fewer
     than four scenes give no interval. With several seeds, there is also Student's interval over the seeds. A pair that
-    holds no pixel of a figure is left out of that figure, in every run. So is a seed that a scored row lacks.
+    holds no pixel of a figure is left out of that figure, in every run. A seed that is missing for one
+    of the scored rows is left out of all rows.
 
     Args:
         study: The study.
@@ -103,7 +104,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
 
 
 def _of_common_seeds(runs: Mapping[str, RunScores]) -> dict[str, RunScores]:
-    """Return the scores of the seeds that all rows have of which any seed is scored."""
+    """Return the scores of those seeds that are scored for every row; rows without any score do not count."""
     scored = [set(by_seed) for by_seed in runs.values() if by_seed]
     common = set.intersection(*scored) if scored else set()
     return {name: {seed: by_seed[seed] for seed in by_seed if seed in common} for name, by_seed in runs.items()}

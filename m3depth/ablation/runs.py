@@ -15,7 +15,7 @@ from m3depth.ablation.maps import maps_figure, predicted
 from m3depth.ablation.studies import BASE, Variant, distinct
 from m3depth.ablation.tables import markdown
 from m3depth.datasets.config import flag
-from m3depth.datasets.open import config_of, open_folders, open_pairs
+from m3depth.datasets.open import open_folders, open_pairs, reader_config_for
 from m3depth.datasets.state import state_of_pairs
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.scoring import evaluate
@@ -133,7 +133,7 @@ def ablate(options: AblateOptions) -> dict[str, Any]:
     runs = plan(options)
     test_folder = options.test or options.data[0]
     training = open_folders(options.data, "train", options.reader)
-    test = open_pairs(test_folder, "test", config_of(test_folder, (*options.data, test_folder), options.reader))
+    test = open_pairs(test_folder, "test", reader_config_for(test_folder, (*options.data, test_folder), options.reader))
     for folder, pairs in zip(options.data, training, strict=True):
         if not len(pairs):
             raise ValueError(f"--data {folder}: split train holds no pairs; name another folder")

@@ -57,9 +57,12 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
     for name, study in studies.items():
         source = f"The paper's table `{study['source']}`." if study["source"] else "The paper has no such table."
         lines += ["", f"## {study['title']}", "", source, ""]
-        seeds_of_study = sorted({int(seed) for row in study["rows"] for seed in row["by_seed"]})
-        if seeds_of_study and seeds_of_study != sorted(about["seeds"]):
-            lines += [f"Of seed {', '.join(map(str, seeds_of_study))}, which all scored rows have.", ""]
+        common = sorted({int(seed) for row in study["rows"] for seed in row["by_seed"]})
+        if not common:
+            lines += ["No seed is scored for every row yet, so this table has no figures.", ""]
+        elif common != sorted(about["seeds"]):
+            names = ", ".join(map(str, common))
+            lines += [f"Means over seed {names} only: the other seeds are not scored for every row.", ""]
         normals = [column for column in study["columns"] if column.startswith("normal_")]
         for columns in ([c for c in study["columns"] if c not in normals], normals):
             if columns:
@@ -112,7 +115,7 @@ def _summary(study: Mapping[str, Any]) -> list[str]:
 
 
 def _count(verdicts: Sequence[str | None], verdict: str) -> str:
-    """Return how many comparisons of a study, all of one seed or all of several, have a verdict."""
+    """Return how many comparisons have a verdict; all comparisons of a study have the same number of seeds."""
     provisional = verdicts.count(verdict + PROVISIONAL)
     return f"{provisional}{PROVISIONAL}" if provisional else str(verdicts.count(verdict))
 

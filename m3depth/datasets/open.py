@@ -180,20 +180,23 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
 
 
 def open_folders(paths: Sequence[Path], split: Split, config: DataConfig | None = None) -> list[StereoPairs]:
-    """Open one split of several datasets, which are read alike, except that those of marssim need no flags.
+    """Open one split of several datasets; the reader's settings pass by marssim's if other layouts are among them.
 
     Args:
         paths: Folders, or lists, of the datasets.
         split: "train", "val", "test" or "all".
         config: How the folders are read.
 
+    Returns:
+        The pairs of each folder, in the order of `paths`.
+
     Raises:
         DatasetError, ValueError: As of open_pairs.
     """
-    return [open_pairs(path, split, config_of(path, paths, config or DataConfig())) for path in paths]
+    return [open_pairs(path, split, reader_config_for(path, paths, config or DataConfig())) for path in paths]
 
 
-def config_of(path: Path, paths: Sequence[Path], config: DataConfig) -> DataConfig:
+def reader_config_for(path: Path, paths: Sequence[Path], config: DataConfig) -> DataConfig:
     """Return how one of several folders is read: without flags if it is marssim's and another one is not.
 
     Args:

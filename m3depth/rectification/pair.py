@@ -223,6 +223,7 @@ def _shifted(source: Source, by: float) -> Source:
 def _sum(first: RowCorrection, second: RowCorrection) -> RowCorrection:
     """Return about what two corrections, one after the other, take out, for the report."""
     terms = tuple(a + b for a, b in zip(first.terms, second.terms))
-    x, y = np.meshgrid(*((np.arange(-19, 20, 2) / 20) * half / first.unit for half in first.middle))
+    grid = np.arange(-19, 20, 2) / 20  # the middles of 20 equal parts of -1 to 1
+    x, y = np.meshgrid(*(grid * half / first.unit for half in first.middle))
     size = np.sqrt(np.mean(sum(c * x**i * y**j for c, (i, j) in zip(terms, POWERS)) ** 2))
     return replace(first, terms=terms, error=second.error, size=float(size))

@@ -35,7 +35,8 @@ class RowCorrection:
     Attributes:
         terms: c0 to c5 [px]; the last ones are 0 where fewer were fitted.
         error: Standard error, root mean square over the points [px].
-        size: The correction itself, likewise [px].
+        size: The correction itself, root mean square [px]: over the points where it was fitted, over the whole image
+            for the sum of two.
         middle: (2,) middle of the image [px].
         unit: s [px].
     """

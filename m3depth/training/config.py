@@ -32,7 +32,7 @@ class TrainConfig:
 
     data: tuple[Path, ...]
     """Dataset folders, of marssim.generate or of a layout that --format lists.
-    Several are trained on as one. Those of marssim need no flags of the reader, which go to the others.
+    Several are trained on as one. The flags of the reader, --format to --depth-range, then pass by those of marssim.
     """
     out: Path
     """Folder of the run, for its checkpoint, weights, log, curves and image panels."""

@@ -64,7 +64,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
         config = in_steps(config, len(samples), world)
         run = Run(config, device, world)
         resumed, data = run.resume(), str(state_of_pairs(samples))
-        run.train_on(data)
+        run.note_data(data)
         check_common_step(run)
         if budget := spent_budget(config, run.step, run.seconds):
             return report_spent_budget(run, budget, held_out) if rank == 0 else {}

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from m3depth.datasets.open import config_of, open_pairs
+from m3depth.datasets.open import open_pairs, reader_config_for
 from m3depth.network.output import padded_size
 from m3depth.training.config import TrainConfig
 from m3depth.training.curves import CURVES
@@ -84,7 +84,7 @@ def summary(run: Run, validations: list[dict[str, Any]]) -> str:
     if (run.config.out / CURVES).is_file():
         lines.append(f"{run.config.out / CURVES}: curves of the loss and the validations")
     for number, folder in enumerate(run.config.data, start=1):
-        flags = config_of(folder, run.config.data, run.config.reader).flags()
+        flags = reader_config_for(folder, run.config.data, run.config.reader).flags()
         words = ["--data", folder, *flags, "--split", "test", "--weights", weights]
         if not holds_test_pairs(run.config, folder):
             lines.append(f"{folder}: split test holds no pairs to score them on; more scenes would have some")
@@ -102,6 +102,6 @@ def holds_test_pairs(config: TrainConfig, folder: Path) -> bool:
         folder: A dataset folder.
     """
     try:
-        return len(open_pairs(folder, "test", config_of(folder, config.data, config.reader))) > 0
+        return len(open_pairs(folder, "test", reader_config_for(folder, config.data, config.reader))) > 0
     except (ValueError, OSError):
         return True

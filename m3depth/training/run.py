@@ -149,7 +149,7 @@ class Run:
         seconds: Time spent [s].
         init_sha256: SHA-256 of the file of --init as the run began; None without one.
         data: What identifies the training pairs, as of state_of_pairs; None if that is not known.
-        changed: Settings in which a resumed run differs from the one that it continues: flags, each with both values.
+        changed: How a resumed run differs from the one that it continues: flags with both values, and other pairs.
     """
 
     def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
@@ -199,14 +199,14 @@ class Run:
             values["max_steps"] = None
         return {f"--{name.replace('_', '-')}": as_typed(value) for name, value in values.items()}
 
-    def train_on(self, data: str) -> None:
-        """Note which pairs the run trains on from now on. If they are not those of before, `changed` says so.
+    def note_data(self, data: str) -> None:
+        """Record what identifies the training pairs, and add to `changed` if they are not those of the checkpoint.
 
         Args:
             data: What identifies them, as of state_of_pairs.
         """
         if self.data not in (None, data):
-            self.changed.append("other pairs, or changed files, in --data")
+            self.changed.append("the pairs in --data are others, or their files were moved or changed")
         self.data = data
 
     def save(self) -> None:
@@ -252,7 +252,8 @@ class Run:
             self.optimizer.load_state_dict({**self.optimizer.state_dict(), **moments})
             _check_moments(self.optimizer)
             before, now = state.get("settings", {}), self.settings()  # the first checkpoints lack them
-            changes = [(flag, old) for flag, old in before.items() if now.get(flag, old) != old]
+            # earlier versions kept "auto" for the precision, whatever it was
+            changes = [(flag, old) for flag, old in before.items() if now.get(flag, old) != old and old != "auto"]
             torch.set_rng_state(state["rng"])
         self.step, self.seconds = state["step"], state["seconds"]
         self.init_sha256, self.data = digest or self.init_sha256, state.get("data")

@@ -57,8 +57,8 @@ class SensorConfig:
     image is darker where otherwise the ground's brightest 2 % would exceed 90 % of full scale, or half of the sky would
     saturate."""
     psf: Range = (0.35, 0.6)
-    """Standard deviation of the point spread function [px], LOW HIGH, 0 to 2: 0 is perfectly sharp. It is a Gaussian
-    at the middles of 5 x 5 pixels, which spreads 0.28 px for 0.4, 0.59 for 0.6, 0.96 for 1 and 1.29 for 2."""
+    """Sigma of the Gaussian point spread function [px], LOW HIGH, 0 to 2: 0 is perfectly sharp. It is sampled at the
+    middles of 5 x 5 pixels, so the image spreads by 0.28 px for 0.4, 0.59 for 0.6, 0.96 for 1 and 1.29 for 2."""
     full_well: Range = (4000.0, 16000.0)
     """Number of electrons at full scale, LOW HIGH, 10 to 10,000,000. Fewer electrons give more shot noise."""
     read_noise: Range = (4.0, 14.0)

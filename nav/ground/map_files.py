@@ -14,6 +14,8 @@ from marssim.base.files.png import encode_png
 from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
 
+RESULT = "map.json"  # written last: a folder that has it holds a whole map
+MOST_CELLS = 4000  # along a side of a map
 FREE, NEAR, BLOCKED, UNKNOWN = 0, 1, 2, 255  # values of traversability.tif
 COSTLY = 4.0  # extra cost of a metre at which free ground is drawn yellow
 UNKNOWN_COLOUR = (128, 128, 128)

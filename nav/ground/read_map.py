@@ -11,11 +11,14 @@ import numpy as np
 from marssim.base.files.decoding import decode
 from marssim.base.files.json_file import DatasetError, read_json
 from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
+from nav.ground.map_files import MOST_CELLS, RESULT
 
-RESULT = "map.json"  # of nav.map, which writes it last: a folder that has it holds a whole map
-MOST = 4000  # cells along a side
-AGAIN = "make the map again with nav.map"
-RAW = {"top": "top", "low": "elevation", "weight": "weight"}  # layers of an ElevationMap, and the files that hold them
+REMAKE = "make the map again with nav.map"
+LAYER_FILES = {
+    "top": "top",
+    "low": "elevation",
+    "weight": "weight",
+}  # layers of an ElevationMap, and the files that hold them
 
 
 def read_map(folder: Path | str) -> ElevationMap:
@@ -37,10 +40,10 @@ def read_map(folder: Path | str) -> ElevationMap:
     size = max(rows, columns, FEWEST_CELLS) * cell
     elevation = ElevationMap(ElevationConfig(cell=cell, size=size))
     elevation.origin = corner
-    for name, file in RAW.items():
+    for name, file in LAYER_FILES.items():
         getattr(elevation, name)[:rows, :columns] = np.flipud(_layer(folder / f"{file}.tif", (rows, columns)))
-    seen = np.isfinite(elevation.top) & np.isfinite(elevation.low) & (elevation.weight > 0)
-    elevation.top[~seen], elevation.low[~seen], elevation.weight[~seen] = np.nan, np.nan, 0
+    measured = np.isfinite(elevation.top) & np.isfinite(elevation.low) & (elevation.weight > 0)
+    elevation.top[~measured], elevation.low[~measured], elevation.weight[~measured] = np.nan, np.nan, 0
     return elevation
 
 
@@ -53,13 +56,15 @@ def _place(file: Path) -> tuple[float, tuple[int, int], np.ndarray]:
     """Return the edge of a cell [m], the number of rows and columns, and the corner in the world of the poses [m]."""
     content = read_json(file)
     if "origin_m" not in content:
-        raise DatasetError(f"{file}: field 'origin_m' is missing; {AGAIN}")
+        raise DatasetError(f"{file}: field 'origin_m' is missing; {REMAKE}")
     cell = _numbers(file, content, "cell_m", 1)[0]
     rows, columns = _numbers(file, content, "rows_columns", 2)
     if not 0 < cell <= 10:
         raise DatasetError(f"{file}: cell_m must be over 0 and up to 10 m, got {cell:g}")
-    if not all(1 <= n <= MOST and n == int(n) for n in (rows, columns)):
-        raise DatasetError(f"{file}: rows_columns must be two whole numbers of 1 to {MOST}, got {rows:g} {columns:g}")
+    if not all(1 <= n <= MOST_CELLS and n == int(n) for n in (rows, columns)):
+        raise DatasetError(
+            f"{file}: rows_columns must be two whole numbers of 1 to {MOST_CELLS}, got {rows:g} {columns:g}"
+        )
     corner = np.subtract(_numbers(file, content, "west_south_m", 2), _numbers(file, content, "origin_m", 2))
     return cell, (int(rows), int(columns)), corner
 
@@ -77,13 +82,13 @@ def _numbers(file: Path, content: dict[str, Any], name: str, count: int) -> list
 def _layer(file: Path, shape: tuple[int, int]) -> np.ndarray:
     """Return the numbers of a layer, (rows, columns) float32, with the north in its first row."""
     if not file.is_file():
-        raise DatasetError(f"{file}: no such file; {AGAIN}")
+        raise DatasetError(f"{file}: no such file; {REMAKE}")
     try:
         values = decode(file.read_bytes())
     except ValueError:
         values = None
     if values is None or values.dtype != np.float32:
-        raise DatasetError(f"{file}: is no layer of a map; {AGAIN}")
+        raise DatasetError(f"{file}: is no layer of a map; {REMAKE}")
     if values.shape != shape:
-        raise DatasetError(f"{file}: has {values.shape} cells, {RESULT} beside it says {shape}; {AGAIN}")
+        raise DatasetError(f"{file}: has {values.shape} cells, {RESULT} beside it says {shape}; {REMAKE}")
     return np.asarray(values)

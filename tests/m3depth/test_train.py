@@ -418,7 +418,7 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     assert "settings: --max-steps 4 (was 3), --accumulate 2 (was 1), --resize 0.5 (was 1.0)\n" in output
     train(replace(changed, max_steps=5), plane_samples[:-1], [])
     output = capsys.readouterr().err
-    assert "settings: --max-steps 5 (was 4), other pairs, or changed files, in --data\n" in output
+    assert "settings: --max-steps 5 (was 4), the pairs in --data are others, or their files were " in output
 
 
 def test_a_resumed_run_says_that_its_device_is_another(tmp_path) -> None:

@@ -567,17 +567,23 @@ def test_pairs_of_other_source_files_are_a_warning(tmp_path, capfd, monkeypatch)
     assert read_json(mark)["sources"] == [now] and "warning" not in capfd.readouterr().err
     generate_dataset(config(tmp_path / "set", pairs=2))
     warning = next(line for line in capfd.readouterr().err.splitlines() if line.startswith("warning: "))
-    assert warning.startswith(f"warning: {tmp_path / 'set'}: 1 pair in it came from other source files of marssim")
+    assert warning.startswith(
+        f"warning: {tmp_path / 'set'}: 1 pair in it came from another version of marssim's source"
+    )
     assert read_json(mark)["sources"] == [now, "0123456789ab"]
+    monkeypatch.undo()
+    generate_dataset(config(tmp_path / "set", pairs=3))  # by the first ones again
+    assert "2 pairs in it came from another version" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("recorded", [None, "x", [3, None]])
-def test_a_dataset_that_does_not_tell_its_source_files_goes_on(tmp_path, capfd, recorded):
+def test_a_dataset_without_a_record_of_its_source_files_can_be_completed(tmp_path, capfd, recorded):
     generate_dataset(config(tmp_path / "set", pairs=1))
     mark = tmp_path / "set" / "generate.json"
     write_json(mark, {**read_json(mark), "sources": recorded})
     generate_dataset(config(tmp_path / "set", pairs=2))
-    assert len(read_json(mark)["sources"]) == 1 and "warning" not in capfd.readouterr().err
+    assert read_json(mark)["sources"][0] == "unknown" and len(read_json(mark)["sources"]) == 2
+    assert "warning" not in capfd.readouterr().err
 
 
 def test_one_pair_is_counted_in_the_singular(tmp_path, capfd):

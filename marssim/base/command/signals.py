@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from typing import Any
 
 STOPPING = (signal.SIGTERM, signal.SIGINT)
-SAME = 1.0  # [s] after a signal in which another one is taken for the same, sent to a group and to its processes
+# [s] in which a signal after the first is taken for a copy of it: a queue signals the launcher and its processes
+REPEAT_WITHIN = 1.0
 
 
 @contextmanager
@@ -20,9 +21,9 @@ def stop_on_signal() -> Iterator[list[int]]:
     """Record the first SIGTERM or SIGINT instead of ending, so that a run can finish its step and save.
 
     A signal that is ignored when the block begins stays ignored, as SIGINT is in a command that a script started in
-    the background. A second signal has its former effect, unless it comes within SAME seconds. In a process of
-    torchrun, it has none: torchrun passes its own signal on, also to processes that had it already, and after half a
-    minute it kills them. Outside the main thread, where Python cannot handle signals, nothing is recorded.
+    the background. A second signal has its former effect, unless it comes within REPEAT_WITHIN. Under torchrun
+    (LOCAL_RANK is set), later signals are ignored, since torchrun repeats its own; it kills processes that have not
+    ended after half a minute. Outside the main thread, where Python cannot handle signals, nothing is recorded.
 
     Yields:
         A list that holds the number of the signal once one has come.
@@ -32,8 +33,8 @@ def stop_on_signal() -> Iterator[list[int]]:
         yield received
         return
 
-    patience = math.inf if "LOCAL_RANK" in os.environ else SAME
-    first = 0.0  # when the first signal came
+    patience = math.inf if "LOCAL_RANK" in os.environ else REPEAT_WITHIN
+    first = math.inf  # until the first signal has come
 
     def record(number: int, frame: Any) -> None:
         nonlocal first

@@ -37,7 +37,7 @@ ANSWER_WITHIN = 10.0  # [s] time in which a scheduler must answer
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS")  # the last one: Mesa's
 
 _SPAWN = multiprocessing.get_context("spawn")
-_DOING = threading.Lock()  # held while a task of a cluster is done in this process
+_TASK_LOCK = threading.Lock()  # a worker process of a cluster does one task at a time
 
 Task = tuple[Any, ...]
 
@@ -218,7 +218,7 @@ def _end_with(parent: Any) -> None:
 
 def _one_at_a_time(function: Callable[..., Any], task: Task) -> Any:
     """Do a task on a cluster. Other threads of the worker wait: renderers and libraries share state in a process."""
-    with _DOING:
+    with _TASK_LOCK:
         cv2.setNumThreads(1)
         with exits_as_errors():
             return function(*task)

@@ -85,8 +85,11 @@ def test_verdicts_of_one_seed_are_counted_as_provisional() -> None:
     del scores["levels-5"][1]
     text = markdown({**ABOUT, "failed": ["levels-5-1"]}, {"levels": findings(STUDIES["levels"], scores)})
     assert "| Levels of the wavelet transform | 2, provisional | 1, provisional | 0 |" in text
-    assert "\nOf seed 0, which all scored rows have.\n" in text
+    assert "\nMeans over seed 0 only: the other seeds are not scored for every row.\n" in text
     assert "**Left out, since their loss was not finite: levels-5-1.**" in text
+    del scores["levels-2"][0]
+    text = markdown(ABOUT, {"levels": findings(STUDIES["levels"], scores)})
+    assert "\nNo seed is scored for every row yet, so this table has no figures.\n" in text
 
 
 @pytest.mark.parametrize(

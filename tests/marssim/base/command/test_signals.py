@@ -21,7 +21,7 @@ def number(request):
 
 def test_the_first_signal_is_noted_and_the_second_one_ends(number, monkeypatch):
     monkeypatch.delenv("LOCAL_RANK", raising=False)
-    monkeypatch.setattr(signals, "SAME", 0.0)
+    monkeypatch.setattr(signals, "REPEAT_WITHIN", 0.0)
     with stop_on_signal() as received:
         signal.raise_signal(number)  # to this thread, and at once
         assert received == [number]
@@ -33,7 +33,7 @@ def test_the_first_signal_is_noted_and_the_second_one_ends(number, monkeypatch):
 @pytest.mark.parametrize("launched", [True, False])
 def test_a_signal_that_comes_twice_at_once_is_one(number, monkeypatch, launched):
     """A queue sends it to torchrun, which passes it on, and to all of its processes."""
-    monkeypatch.setattr(signals, "SAME", 0.0 if launched else 60.0)
+    monkeypatch.setattr(signals, "REPEAT_WITHIN", 0.0 if launched else 60.0)
     monkeypatch.setenv("LOCAL_RANK", "0") if launched else monkeypatch.delenv("LOCAL_RANK", raising=False)
     with stop_on_signal() as received:
         for _ in range(3):
@@ -41,6 +41,20 @@ def test_a_signal_that_comes_twice_at_once_is_one(number, monkeypatch, launched)
         assert received == [number]
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
+
+
+def test_a_signal_within_the_handler_of_the_first_is_one_too(number, monkeypatch):
+    monkeypatch.delenv("LOCAL_RANK", raising=False)
+    clock = iter([lambda: signal.raise_signal(number)])
+
+    def time_of_day():
+        next(clock, lambda: None)()
+        return 1e6
+
+    monkeypatch.setattr(signals.time, "monotonic", time_of_day)
+    with stop_on_signal() as received:
+        signal.raise_signal(number)
+        assert received == [number]
 
 
 def test_a_signal_that_is_ignored_at_the_start_stays_ignored(number):

@@ -86,7 +86,7 @@ def cluster():
         ) as local,
     ):
         patch.setattr(workers, "ANSWER_WITHIN", 60.0)  # the machine may be busy
-        patch.setattr(workers, "_DOING", nullcontext())  # these workers are of one process, others are not
+        patch.setattr(workers, "_TASK_LOCK", nullcontext())  # these workers are of one process, others are not
         yield local.scheduler_address
 
 
@@ -126,10 +126,10 @@ def test_after_a_tasks_error_no_more_are_started(where, request, tmp_path):
 
 
 UNDER_WAY: list[int] = []
-DOING = workers._DOING  # which the fixture of the cluster replaces
+TASK_LOCK = workers._TASK_LOCK  # which the fixture of the cluster replaces
 
 
-def alone(number: int) -> int:
+def running_tasks(number: int) -> int:
     """Return how many tasks of this process are under way."""
     UNDER_WAY.append(number)
     time.sleep(0.03)
@@ -143,11 +143,11 @@ def test_the_threads_of_a_worker_of_a_cluster_do_one_task_at_a_time(monkeypatch)
     distributed = pytest.importorskip("distributed")
     options = {"n_workers": 1, "threads_per_worker": 4, "processes": False, "dashboard_address": ":0"}
     monkeypatch.setattr(workers, "ANSWER_WITHIN", 60.0)
-    monkeypatch.setattr(workers, "_DOING", DOING)
+    monkeypatch.setattr(workers, "_TASK_LOCK", TASK_LOCK)
     counts = []
     with distributed.LocalCluster(**options, silence_logs=50) as local:
         tasks = [(n,) for n in range(8)]
-        run_tasks(alone, tasks, lambda task, count: counts.append(count), scheduler=local.scheduler_address)
+        run_tasks(running_tasks, tasks, lambda task, count: counts.append(count), scheduler=local.scheduler_address)
     assert counts == [1] * 8
 
 
