@@ -14,11 +14,7 @@ from nav.ground.elevation import FEWEST_CELLS, ElevationConfig, ElevationMap
 from nav.ground.map_files import MOST_CELLS, RESULT
 
 REMAKE = "make the map again with nav.map"
-LAYER_FILES = {
-    "top": "top",
-    "low": "elevation",
-    "weight": "weight",
-}  # layers of an ElevationMap, and the files that hold them
+LAYER_FILES = {"top": "top", "low": "elevation", "weight": "weight"}  # by the layer of an ElevationMap
 
 
 def read_map(folder: Path | str) -> ElevationMap:
