@@ -28,7 +28,7 @@ from marssim.base.command.run import exit_code, writing_to
 from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
 from marssim.base.dataset.dataset import SPLITS, StereoDataset, write_index
-from marssim.base.dataset.marks import SETTINGS
+from marssim.base.dataset.marks import MARK_NOTES, SETTINGS, SOURCES
 from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
@@ -40,14 +40,7 @@ from marssim.engines.egl import draws_on_a_card, probe
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.generation.contact_sheet import contact_sheet
-from marssim.generation.scene_views import (
-    MARK_NOTES,
-    SOURCES,
-    draw_drive,
-    draw_scene,
-    draw_view,
-    generate_scene,
-)
+from marssim.generation.scene_views import draw_drive, draw_scene, draw_view, generate_scene
 from marssim.inspection.integrity import CALIBRATION, check_written
 from marssim.render.raw import RawRenderer
 from marssim.scene.presets import PRESETS, preset

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from marssim.base.dataset.marks import SETTINGS
+from marssim.base.dataset.marks import MARK_NOTES, SETTINGS
 from marssim.base.dataset.sample import is_complete, write_sample
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
@@ -27,8 +27,6 @@ from marssim.scene.scene import Scene, build_scene
 from marssim.scene.trajectory import TRAJECTORY, Mast, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
-SOURCES = "sources"  # key of generate.json: digests of marssim's source files that rendered pairs
-MARK_NOTES = ("command", SOURCES)  # keys of generate.json that may differ from run to run
 RAW_DRAWS = 0x726177  # separates the noise of the raw images
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from marssim.base.camera import StereoRig
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
-from marssim.base.dataset.marks import SETTINGS
+from marssim.base.dataset.marks import MARK_NOTES, SETTINGS
 from marssim.base.dataset.sample import IMAGES, RAW, recorded_mount, recorded_time, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.lock import LOCK
@@ -92,7 +92,7 @@ def _check_settings(dataset: StereoDataset) -> list[Finding]:
     except DatasetError as error:
         return [Finding(SETTINGS, str(error).removeprefix(f"{dataset.path / SETTINGS}: "))]
     config = _settings_of(dataset)
-    apart = {"command", "pairs"}  # one is in the settings alone, the other in the index alone
+    apart = {*MARK_NOTES, "pairs"}  # the former are in the settings alone, the latter in the index alone
     first, second = ({k: v for k, v in part.items() if k not in apart} for part in (settings, config))
     return [] if first == second else [Finding(SETTINGS, "its settings are not those that dataset.json records")]
 
