@@ -32,7 +32,7 @@ import tyro
 
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR
 from marssim.scene.place_file import PLACE_VALUES, load_place
@@ -158,7 +158,7 @@ def _mesh(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, normals:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    return run_command(_work, MeshOptions, "python -m marssim.mesh", __doc__, args)
+    return run_command(_work, MeshOptions, "python -m marssim.mesh", __doc__, args, STARTS_OVER)
 
 
 def _work(options: MeshOptions) -> None:
