@@ -36,6 +36,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from m3depth.datasets.config import DataConfig, Split, flag
+from m3depth.datasets.depth_check import depth_misfit
 from m3depth.datasets.labels import NO_NORMALS
 from m3depth.datasets.open import open_pairs
 from m3depth.datasets.state import state_of_files, state_of_pairs
@@ -193,6 +194,8 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
         Degradation.parse(options.degrade)
     estimators = named_estimators(options)
     result_folder(options).check()
+    if (finding := depth_misfit(dataset)) is not None:
+        print(f"warning: {finding}", file=sys.stderr)
     methods: dict[str, Method] = {
         label: loaded(name, flag_name, options) for label, (flag_name, name) in estimators.items()
     }
@@ -297,9 +300,7 @@ def dependencies(
         "--device": device,
         "--runtime": runtime,
         **by_flag(named_estimators(options), estimators),
-        "--predictions": [
-            [text, state_of_files(maps.find(*pair) for pair in pairs)] for text, maps in recorded.items()
-        ],
+        "--predictions": [[text, state_of_files(maps.find(*p) for p in pairs)] for text, maps in recorded.items()],
         "--limit": options.limit,
         "--degrade": options.degrade,
         "--seed": options.seed,

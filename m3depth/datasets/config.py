@@ -12,8 +12,10 @@ from marssim.base.camera import WIDEST_BASELINE
 Format = Literal["auto", "marssim", "kitti", "sceneflow", "middlebury", "eth3d", "oaisys", "list", "folder"]
 Split = Literal["train", "val", "test", "all"]
 NormalFrame = Literal["opencv", "opengl"]
+DepthAlong = Literal["axis", "ray"]
 
 CAMERA_AND_SCORE = ("calib", "focal", "baseline", "normals", "resize", "depth_range")
+PATTERNS = ("left", "right", "disparity", "depth", "normal")
 FLAGS: dict[Format, tuple[str, ...]] = {  # the fields that each layout takes; its files say the rest
     "marssim": (),
     "kitti": CAMERA_AND_SCORE,
@@ -22,7 +24,7 @@ FLAGS: dict[Format, tuple[str, ...]] = {  # the fields that each layout takes; i
     "eth3d": CAMERA_AND_SCORE,
     "oaisys": ("left", "right", *CAMERA_AND_SCORE),
     "list": ("unit", *CAMERA_AND_SCORE),
-    "folder": ("left", "right", "disparity", "depth", "unit", "normal", "normal_frame", *CAMERA_AND_SCORE),
+    "folder": (*PATTERNS, "depth_along", "unit", "normal_frame", *CAMERA_AND_SCORE),
 }
 
 
@@ -51,8 +53,12 @@ class DataConfig:
     Their files are pfm, npy, tiff, exr or 16-bit png (256 times the disparity).
     """
     depth: str | None = None
-    """Pattern of depth maps instead of disparity maps [m along the optical axis] (--format folder).
+    """Pattern of depth maps instead of disparity maps [m] (--format folder).
     Their files are exr, npy, pfm, tiff or 16-bit png (millimetres). Infinite depth is sky, but unknown in a pfm.
+    """
+    depth_along: DepthAlong = "axis"
+    """Direction in which the depth maps measure: axis is depth along the optical axis; ray is the distance from the
+    camera, as in AirSim's DepthPerspective and Isaac Sim's distance_to_camera.
     """
     unit: float | None = None
     """Number that the maps store for 1 px of disparity or 1 m of depth, not 0. CREStereo's datasets have 32. Without
@@ -105,6 +111,8 @@ class DataConfig:
             raise ValueError("calib and --focal exclude each other: give one")
         if self.disparity is not None and self.depth is not None:
             raise ValueError("disparity and --depth exclude each other: give one")
+        if self.depth is None and self.depth_along != "axis":
+            raise ValueError("depth_along belongs to --depth: give both")
         if self.normal is not None and self.normals != "none":
             raise ValueError("normal and --normals exclude each other: give one")
         if self.normal is None and self.normal_frame != "opencv":

@@ -98,6 +98,8 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
         raise DatasetError(f"{files.left}: {error}") from None
     values = _fitting(files.truth, read_map(files.truth, files.kind, files.unit, files.zero_is_far), left)
     if files.kind == "depth":
+        if config.depth_along == "ray":
+            values = (values / np.linalg.norm(rig.camera.rays(), axis=-1)).astype(np.float32)
         depth, disparity = values, rig.depth_to_disparity(values)
     else:
         with np.errstate(invalid="ignore"):  # sky stays 0

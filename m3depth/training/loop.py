@@ -11,6 +11,7 @@ import cv2
 import torch
 from torch import Tensor, nn
 
+from m3depth.datasets.depth_check import depth_misfit
 from m3depth.datasets.labels import NO_NORMALS
 from m3depth.datasets.state import state_of_pairs
 from m3depth.network.device import autocast, fast_dtype
@@ -78,6 +79,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
                 announce(run, resumed, len(samples), len(held_out))
                 for name in without_normals(cache, samples) if config.reader.normals == "depth" else ():
                     log.say(f"warning: {name} and the pairs after it: {NO_NORMALS}")
+                for finding in filter(None, map(depth_misfit, getattr(samples, "parts", [samples]))):
+                    log.say(f"warning: {finding}")
                 log.start(run.step, config.seed, data)
             stream = opened.enter_context(
                 closing(

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from plane_pairs import plane_sample
 from small_network import SMALL
 
 from m3depth import evaluate, train
@@ -134,6 +135,29 @@ def test_maps_without_a_depth_that_can_be_used_end_a_command_in_one_line(
     assert lines[-1].startswith("error: ") and lines[-1].endswith(message)
     assert [line for line in lines if line.startswith("error")] == lines[-1:]
     assert not out.exists() or not list(out.iterdir())
+
+
+@pytest.mark.parametrize("command", [train.main, evaluate.main])
+def test_depth_that_does_not_fit_the_images_gives_a_warning(tmp_path, monkeypatch, capsys, command) -> None:
+    monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda *_, **__: SGBM())
+    data = tmp_path / "data"
+    data.mkdir()
+    for seed in range(2):
+        sample = plane_sample(seed, 96, 192, 150.0)
+        cv2.imwrite(str(data / f"l{seed}.png"), sample.left)
+        cv2.imwrite(str(data / f"r{seed}.png"), sample.right)
+        rays = sample.rig.camera.rays()
+        np.save(data / f"{seed}.npy", sample.depth * np.linalg.norm(rays, axis=-1))
+    words = ["--data", str(data), "--left", "l*.png", "--right", "r*.png", "--depth", "*.npy"]
+    words += ["--focal", "150", "--baseline", "0.27", "--device", "cpu"]
+    words += ["--max-steps", "1", "--crop", "32", "64"] if command is train.main else ["--split", "all"]
+    warning = "does not fit the images: the maps hold the distance along the ray"
+    assert command([*words, "--out", str(tmp_path / "axis")]) == 0
+    error = capsys.readouterr().err
+    assert warning in error and f"warning: {data}: the true depth of " in error
+    assert command([*words, "--out", str(tmp_path / "ray"), "--depth-along", "ray"]) == 0
+    assert "warning" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [train.main, evaluate.main])

@@ -665,6 +665,21 @@ def test_a_list_of_pairs(tmp_path) -> None:
         open_pairs(tmp_path / "mine.txt", "all", config)
 
 
+def test_distances_along_the_ray_are_read_as_depth(tmp_path) -> None:
+    """The distances of a wall at 3 m, by the points of its pixels, and the sky."""
+    u, v = np.meshgrid(np.arange(W), np.arange(H))
+    x, y = 3 * (u - (W - 1) / 2) / 50, 3 * (v - (H - 1) / 2) / 50
+    distance = np.sqrt(x**2 + y**2 + 9).astype(np.float32)
+    distance[0] = np.inf
+    for name, content in (("l/0.png", image()), ("r/0.png", image(1)), ("d/0.npy", distance)):
+        put(tmp_path / name, content)
+    config = DataConfig(left="l/*.png", right="r/*.png", depth="d/*.npy", focal=50, baseline=0.3, depth_along="ray")
+    sample = open_pairs(tmp_path, "all", config)[0]
+    np.testing.assert_allclose(sample.depth[1:], 3, rtol=1e-6)
+    np.testing.assert_allclose(sample.disparity[1:], 5, rtol=1e-6)
+    assert np.isinf(sample.depth[0]).all() and sample.depth.dtype == np.float32
+
+
 def test_without_openexr_the_extra_is_named(tmp_path, monkeypatch) -> None:
     config = oaisys_tree(tmp_path)
     monkeypatch.setattr(exr, "find_spec", lambda name: None)
@@ -688,6 +703,7 @@ def test_a_truncated_exr_is_named(tmp_path) -> None:
         ({"disparity": "a", "depth": "b"}, "disparity and --depth exclude"),
         ({"normal": "a", "normals": "depth"}, "normal and --normals exclude"),
         ({"normal_frame": "opengl"}, "normal_frame belongs to --normal"),
+        ({"depth_along": "ray"}, "depth_along belongs to --depth"),
         ({"resize": 1.5}, "resize must be"),
         ({"unit": 0.0}, "unit must be other than 0"),
         ({"baseline": -1.0}, "baseline must be positive"),

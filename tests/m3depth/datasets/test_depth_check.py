@@ -1,0 +1,110 @@
+"""Depth that does not fit its images, made wrong by a known amount."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plane_pairs import plane_sample
+
+from m3depth.datasets.depth_check import depth_misfit
+from m3depth.datasets.open import open_pairs
+from m3depth.stereo.degradation import Degradation
+from marssim.base.dataset.sample import StereoSample
+
+SAMPLES = [plane_sample(seed, 192, 256, 220.0) for seed in range(3)]
+
+
+def misfit(change: Callable[[StereoSample], StereoSample]) -> str | None:
+    """What the check says about the samples after a change of each."""
+    return depth_misfit([change(sample) for sample in SAMPLES])
+
+
+def with_depth(sample: StereoSample, depth: np.ndarray) -> StereoSample:
+    return replace(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth))
+
+
+def with_slant(sample: StereoSample) -> np.ndarray:
+    """The distance along the ray."""
+    rays = sample.rig.camera.rays()
+    return (sample.depth * np.sqrt((rays**2).sum(-1))).astype(np.float32)
+
+
+def test_true_depth_fits():
+    assert misfit(lambda sample: sample) is None
+
+
+@pytest.mark.parametrize("faults", ["contrast=.33,blur=1,noise=2.5", "vertical=1", "gain=1.3"])
+def test_true_depth_fits_degraded_images(faults):
+    degradation = Degradation.parse(faults)
+
+    def degraded(sample: StereoSample) -> StereoSample:
+        left, right = degradation.apply(sample.left, sample.right, np.random.default_rng(0))
+        return replace(sample, left=left, right=right)
+
+    assert misfit(degraded) is None
+
+
+@given(st.floats(-3, 3).filter(lambda power: abs(power) > 0.05))
+@settings(max_examples=6)
+def test_a_wrong_unit_or_baseline_is_found_with_its_factor(power):
+    message = misfit(lambda sample: with_depth(sample, sample.depth * np.float32(10**power)))
+    factor = re.search(r"disparities that match are (\S+) times as large", message)
+    assert float(factor[1]) == pytest.approx(10**power, rel=0.03)
+    assert "3 pairs" in message and "--unit" in message and "baseline" in message
+
+
+@pytest.mark.parametrize("shift", [-12, 6])
+def test_differing_principal_points_are_found_with_their_difference(shift):
+    message = misfit(lambda sample: replace(sample, right=np.roll(sample.right, -shift, axis=1)))
+    found = re.search(r"match are (\S+) px (larger|smaller)", message)
+    assert float(found[1]) == pytest.approx(abs(shift), abs=0.6)
+    assert found[2] == ("larger" if shift > 0 else "smaller") and "cx" in message
+
+
+def test_a_shift_is_in_pixels_of_the_images():
+    wide = [plane_sample(seed, 384, 512, 440.0) for seed in range(3)]
+    moved = [replace(sample, right=np.roll(sample.right, -12, axis=1)) for sample in wide]
+    found = re.search(r"match are (\S+) px larger", depth_misfit(moved))
+    assert float(found[1]) == pytest.approx(12, abs=1.2)
+
+
+def test_distances_along_the_ray_are_found():
+    message = misfit(lambda sample: with_depth(sample, with_slant(sample)))
+    assert "--depth-along ray" in message
+
+
+def test_exchanged_eyes_are_found():
+    message = misfit(lambda sample: replace(sample, left=sample.right, right=sample.left))
+    assert message.endswith("exchange the left and the right images")
+
+
+def test_maps_of_other_pairs_are_found():
+    maps = [sample.disparity for sample in SAMPLES]
+    others = [replace(sample, disparity=np.flipud(maps[i - 1])) for i, sample in enumerate(SAMPLES)]
+    assert re.search(r"\d+% of the matches agree with it; check the calibration, and that", depth_misfit(others))
+
+
+def test_nothing_is_said_where_little_matches_or_is_known():
+    assert misfit(lambda sample: with_depth(sample, np.full_like(sample.depth, np.inf))) is None
+    grey = np.full_like(SAMPLES[0].left, 128)
+    assert misfit(lambda sample: replace(with_depth(sample, sample.depth * 2), left=grey, right=grey)) is None
+    assert depth_misfit([]) is None
+
+
+def test_what_the_right_eye_does_not_see_does_not_count():
+    def hidden(sample: StereoSample) -> StereoSample:
+        most = np.arange(sample.depth.shape[1]) < 224
+        depth = np.where(most, sample.depth / 3, sample.depth)
+        return replace(with_depth(sample, depth), occluded=np.broadcast_to(most, depth.shape))
+
+    assert misfit(hidden) is None
+    assert misfit(lambda sample: replace(hidden(sample), occluded=np.zeros_like(sample.occluded))) is not None
+
+
+def test_datasets_of_marssim_are_not_matched_again(plane_set, monkeypatch):
+    monkeypatch.setattr("m3depth.datasets.depth_check.SGBM", None)
+    assert depth_misfit(open_pairs(plane_set, "train")) is None
