@@ -5,7 +5,6 @@ Importing this module loads no torch; `load_estimator("m3depth")` does.
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
+from m3depth.class_files import class_files, joint_digest
 from m3depth.runtimes.choice import check_runtime, chosen_runtime, is_other_network
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
@@ -153,14 +153,17 @@ class EstimatorName:
             return None
 
     def digest(self) -> str | None:
-        """Return the SHA-256 of `file`, but not of what a module imports; None without a file.
+        """Return the SHA-256 of `file` and of the files that a class names; None without a file.
+
+        What a module imports does not count.
 
         Raises:
-            OSError: The weights file is missing or cannot be read.
+            OSError: A file is missing or cannot be read.
+            ValueError: A class names its files wrongly.
         """
         if self.weights is not None:
             check_weights_file(self.weights)
-        return None if self.file is None else hashlib.sha256(self.file.read_bytes()).hexdigest()
+        return None if self.file is None else joint_digest((self.file, *class_files(self.name)))
 
     def label(self, parts: int = 1) -> str:
         """Return what tables call the method.

@@ -13,10 +13,12 @@ from envs.comparison.suite_results import Episode, Key
 from envs.drives.metrics import count_failures, effective_drives, paired_scores, spl_interval, wilson_interval
 from envs.drives.report import bounds, in_table
 from envs.suites.suite import OVERALL
+from envs.world.perception import GROUND_TRUTH
 from m3depth.estimator import M3DEPTH
 from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from marssim.base.command.wording import counted
 
+DEPTH_ERRORS = ("abs_rel", "rocks", "false_obstacles", "looks", "near_ground")  # what depth_metrics reads
 SHOWN = 12  # digits of a digest that a note shows
 
 
@@ -97,7 +99,8 @@ def comparison_notes(methods: Mapping[str, DrivenMethod]) -> list[str]:
     """Return sentences on what the rows of compare_methods rest on.
 
     They say how many episodes are compared, and how many are left out as a method lacks them; whether the row over all
-    conditions weighs them unequally; and what drove each method, with a warning where that was different code.
+    conditions weighs them unequally; what drove each method; and whether different code drove them, or episodes lack an
+    error of the depth.
 
     Args:
         methods: By label.
@@ -114,7 +117,12 @@ def comparison_notes(methods: Mapping[str, DrivenMethod]) -> list[str]:
             "condition by its number of courses."
         )
     notes += [f"{label}: driven {_driven_by(method, shared)}." for label, method in methods.items()]
-    return notes
+    if len({method.episodes[key].get("code") for method in methods.values() for key in shared}) > 1:
+        notes.append(
+            "Different code drove some of these episodes, so a difference may also be that of the simulator or of the "
+            "navigator; drive a method again with the code of the others to exclude that."
+        )
+    return notes + [note for label, method in methods.items() if (note := _unmeasured(label, method, shared))]
 
 
 def failures_of(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]:
@@ -144,6 +152,16 @@ def _driven_by(method: DrivenMethod, shared: Sequence[Key]) -> str:
     network = method.perception.partition(":")[0] == M3DEPTH
     words += f", in {method.runtime}" if network and method.runtime else ""
     return words + "".join(f", {name} with SHA-256 {digest[:SHOWN]}" for name, digest in method.weights.items())
+
+
+def _unmeasured(label: str, method: DrivenMethod, shared: Sequence[Key]) -> str | None:
+    """Return a sentence on the errors of the depth that some of the compared episodes of a method lack."""
+    if method.perception == GROUND_TRUTH:
+        return None
+    episodes = [method.episodes[key] for key in shared]
+    lacking = {name: sum(episode.get(name) is None for episode in episodes) for name in DEPTH_ERRORS}
+    words = ", ".join(f"{name} in {counted(number, 'episode')}" for name, number in lacking.items() if number)
+    return f"{label} lacks {words}: its figures for the depth rest on the others." if words else None
 
 
 def _left_out(methods: Mapping[str, DrivenMethod], compared: int) -> str:

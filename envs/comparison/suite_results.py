@@ -18,6 +18,7 @@ from envs.drives.metrics import spl
 from envs.drives.resume import RUNTIME, WEIGHTS
 from envs.mars_nav import STEP_SECONDS
 from envs.suites.suite import SAME_WAY, Suite, load_suite, packaged_suites
+from envs.world.eyes import EyesConfig
 from envs.world.perception import GROUND_TRUTH
 from envs.world.referee import GOAL_RADIUS, STEPS_PER_METRE, STUCK_STEPS
 from marssim.base.command.wording import counted
@@ -29,13 +30,15 @@ RESULTS = "results.json"  # in the folder of an evaluation
 SAME_SPL = 1e-6  # by which SPL may differ from that of the ways
 AIR = 0.05  # [m] by which a way may be shorter than its straight line
 STEP_WAY = ZHURONG.max_speed * STEP_SECONDS  # [m] that the rover drives in a step at most
+TOUCH = 0.3  # [m] least clearance that a drive with a collision can have had at most
 SLIDING = 2.0  # factor on that way for a rover that can slide downhill: with rigid bodies, or wheels that slip
 ANYWHERE = ("goal", "collision", "tilt")  # outcomes that a drive may have within GOAL_RADIUS of the goal
 BY_MOTION = ("collision", "tilt", "out_of_bounds")  # outcomes that a rover that has not moved cannot have
 # null for drives with true depth
 NOT_OF_TRUTH = ("abs_rel", "rocks", "rocks_missed", "false_obstacles", "near_ground", "near_ground_as_sky")
 
-REQUIRED_OF_ESTIMATES = ("rocks", "rocks_missed", "false_obstacles")  # numbers unless the depth is true
+# numbers unless the depth is true
+REQUIRED_OF_ESTIMATES = ("abs_rel", "rocks", "rocks_missed", "false_obstacles", "looks", "blind")
 
 Method = tuple[str, str]  # driver and perception
 Key = tuple[str, int]  # condition and number of the course
@@ -177,7 +180,10 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     least = apart - GOAL_RADIUS - AIR  # not by the shortest path: a rover may get through steep ground or a ditch
     if episode["success"] and episode["path_length"] < least:
         return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
-    return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode)
+    if episode["outcome"] == "collision" and episode["min_clearance"] > TOUCH:
+        return f"min_clearance must be at most {TOUCH:g} m for a collision, got {episode['min_clearance']:g}"
+    side = suite.conditions[episode["condition"]].get("image_pixels", EyesConfig.image_pixels)
+    return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode, side**2)
 
 
 def _fault_of_cause(episode: Mapping[str, Any]) -> str | None:
@@ -220,8 +226,13 @@ def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> s
     return None
 
 
-def _fault_of_depth(episode: Mapping[str, Any]) -> str | None:
-    """Return in what the errors of the depth contradict each other or the perception; None if in nothing."""
+def _fault_of_depth(episode: Mapping[str, Any], pixels: int) -> str | None:
+    """Return in what the errors of the depth contradict each other or the perception; None if in nothing.
+
+    Args:
+        episode: The episode.
+        pixels: Number of pixels of an image.
+    """
     if episode["perception"] == GROUND_TRUTH:
         for name in NOT_OF_TRUTH:
             if episode.get(name) is not None:
@@ -234,6 +245,8 @@ def _fault_of_depth(episode: Mapping[str, Any]) -> str | None:
     if missed > rocks:
         return f"rocks_missed must be at most {rocks}, the number of rocks, got {missed}"
     ground, as_sky = (episode.get(name) or 0 for name in ("near_ground", "near_ground_as_sky"))
+    if ground > (most := (episode.get("looks") or 0) * pixels):
+        return f"near_ground must be at most {most}, the pixels of all looks, got {ground}"
     if as_sky > ground:
         return f"near_ground_as_sky must be at most {ground}, the pixels of near ground, got {as_sky}"
     return None

@@ -5,7 +5,6 @@ The versions of packages and the machines that drove them are noted too, and not
 
 from __future__ import annotations
 
-import hashlib
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.drives.config import EvaluateConfig
+from m3depth.class_files import joint_digest
 from m3depth.estimator import EstimatorName
 from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
 from marssim.base.files.json_file import DatasetError, read_json
@@ -55,8 +55,8 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
         names: Perceptions and drivers, as envs.evaluate takes them.
 
     Returns:
-        SHA-256 of what each name is read from: weights, a policy, or the file of a class of the user's, but not what
-        that imports. Names that come with the package are left out, but for m3depth.
+        SHA-256 of what each name is read from: weights, a policy, or the module of a class of the user's and the files
+        that the class names, but not what it imports. Names that come with the package are left out, but for m3depth.
 
     Raises:
         DatasetError: Weights or code differ from those that drove; the message names them. Or the folder's file of
@@ -180,8 +180,8 @@ def check_worker(perception: str, wanted: str, expected: str | None) -> None:
 
 
 def _digest(name: str) -> str | None:
-    file = _read_from(name)
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None else None
+    """Return the SHA-256 of what a driver or a perception is read from; None for names without a file."""
+    return joint_digest([Path(name)]) if name.endswith(".zip") else EstimatorName(name).digest()
 
 
 def _read_from(name: str) -> Path | None:

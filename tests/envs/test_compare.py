@@ -50,7 +50,7 @@ def test_every_file_is_checked_and_part_of_a_split_is_called_so(suite_run, small
     assert capsys.readouterr() == ("", f"error: suite {tmp_path / 'none.json'}: no such file\n")
 
 
-NO_ROCKS = {"rocks": 0, "rocks_missed": 0, "false_obstacles": 0}
+NO_ERRORS = {"abs_rel": 0.1, "rocks": 0, "rocks_missed": 0, "false_obstacles": 0}
 
 
 def broken(key, value):
@@ -62,15 +62,16 @@ def arrived(content):
     return next(episode for episode in content["episodes"] if episode["success"])
 
 
-def failed(outcome, cause, driver="navigator"):
+def failed(outcome, cause, driver="navigator", min_clearance=0.0):
     """The first episode failed by its cause, at its end."""
     values = {"outcome": outcome, "cause": cause, "driver": driver, "success": False, "spl": 0.0, "distance": 1.5}
+    values["min_clearance"] = min_clearance
     return lambda content: content["episodes"][0].update(values)
 
 
 def seen(**values):
     """The first episode is one of another perception, which saw no rocks, with these values."""
-    return lambda content: content["episodes"][0].update({"perception": "p", **NO_ROCKS, **values})
+    return lambda content: content["episodes"][0].update({"perception": "p", **NO_ERRORS, **values})
 
 
 @pytest.mark.parametrize(
@@ -111,7 +112,12 @@ def seen(**values):
         (broken("rocks", 3), "rocks must be null for true depth, got 3"),
         (seen(rocks=1, rocks_missed=9), "must be at most 1, the number"),
         (seen(rocks_missed=1), "rocks_missed must be at most 0, the"),
-        (broken("perception", "p"), "rocks must be a number for p; only drives with true depth have null"),
+        (broken("perception", "p"), "abs_rel must be a number for p; only drives with true depth have null"),
+        (seen(rocks=None), "rocks must be a number for p; only drives with true depth have null"),
+        (seen(looks=None), "looks must be a number for p; only drives with true depth have null"),
+        (seen(blind=None), "blind must be a number for p; only drives with true depth have null"),
+        (failed("collision", None, min_clearance=0.4), "min_clearance must be at most 0.3 m for a collision, got 0.4"),
+        (seen(near_ground=10**9), "the pixels of all looks, got 1000000000"),
         (seen(false_obstacles=None), "false_obstacles must be a number for p; only drives with true depth have null"),
         (broken("min_clearance", 4.0), "episodes[0].min_clearance must be at most 3, got 4"),
         (
@@ -221,7 +227,7 @@ def test_methods_of_several_files_are_compared_by_course(
             episode.update(outcome="goal", success=True, distance=0.5, path_length=way, spl=episode["shortest"] / way)
             more = max(math.ceil(way / 0.4) - episode["steps"], 0)
             episode.update(steps=episode["steps"] + more, looks=episode["looks"] + more)
-            episode.update(perception="theirs", **NO_ROCKS)
+            episode.update(perception="theirs", **NO_ERRORS)
 
     theirs = edited(arrive)
     out = tmp_path / "out"
@@ -277,7 +283,7 @@ def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsy
         for episode in content["episodes"]:
             if episode["driver"] == driver:
                 episode["driver"] = "mine:Driver"  # of the built-in ones, only the navigator has causes
-        failed[0].update(outcome="collision", cause="missed obstacle")
+        failed[0].update(outcome="collision", cause="missed obstacle", min_clearance=0.01)
 
     path = edited(fail)
     rows = compare(CompareConfig((path,), suite=str(small_suite)))["failures"]

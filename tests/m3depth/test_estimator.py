@@ -191,6 +191,30 @@ def test_a_digest_is_that_of_the_file_a_method_is_read_from(tmp_path, monkeypatc
         EstimatorName("m3depth:nowhere.safetensors").digest()
 
 
+def test_a_digest_counts_the_files_that_a_class_names(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    net, other = tmp_path / "net.ckpt", tmp_path / "other.bin"
+    net.write_bytes(b"1"), other.write_bytes(b"2")
+    module = tmp_path / "stereo_with_files.py"
+    module.write_text(
+        "from pathlib import Path\nclass One:\n    files = 'net.ckpt'\n"
+        "class Two:\n    files = [Path('net.ckpt'), 'other.bin']\n"
+        "class None_:\n    files = ()\nclass Bad:\n    files = 3\n"
+    )
+    digests = [EstimatorName(f"stereo_with_files:{name}").digest() for name in ("One", "Two", "None_")]
+    lines = [hashlib.sha256(file.read_bytes()).hexdigest() for file in (module, net, other)]
+    assert digests[1] == hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    assert digests[0] != digests[1] and digests[2] == lines[0]
+    net.write_bytes(b"3")
+    assert EstimatorName("stereo_with_files:One").digest() != digests[0]
+    with pytest.raises(ValueError, match="stereo_with_files:Bad: its attribute files must be a path or a list of"):
+        EstimatorName("stereo_with_files:Bad").digest()
+    net.unlink()
+    with pytest.raises(FileNotFoundError, match=r"net\.ckpt"):
+        EstimatorName("stereo_with_files:One").digest()
+
+
 def test_import_and_baselines_load_no_torch_and_no_other_package():
     code = (
         "import sys, m3depth.estimator as e; [e.load_estimator(n) for n in ('sgbm', 'ncc-sgm')]; "

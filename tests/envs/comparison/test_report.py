@@ -99,16 +99,37 @@ def test_conditions_of_unequal_weight_are_reported():
 
 def test_what_drove_a_method_is_reported():
     method = DrivenMethod("navigator", "m3depth", TRUTH.episodes, {"m3depth": "e2184584" * 8}, "openvino 2026.4.1")
-    assert comparison_notes({"eyes": method})[-1] == (
+    assert comparison_notes({"eyes": method})[1] == (
         "eyes: driven by code with SHA-256 aa, in openvino 2026.4.1, m3depth with SHA-256 e2184584e218."
     )
     classical = DrivenMethod("navigator", "my:Net", TRUTH.episodes, {"my:Net": "e2184584" * 8}, "openvino 2026.4.1")
-    assert comparison_notes({"eyes": classical})[-1] == (
+    assert comparison_notes({"eyes": classical})[1] == (
         "eyes: driven by code with SHA-256 aa, my:Net with SHA-256 e2184584e218."
     )
     mixed = {key: {**episode, "code": "bb" if key[1] else ""} for key, episode in TRUTH.episodes.items()}
-    assert comparison_notes({"eyes": DrivenMethod("navigator", "eyes", mixed)})[-1] == (
+    assert comparison_notes({"eyes": DrivenMethod("navigator", "eyes", mixed)})[1] == (
         "eyes: driven by different states of the code (3 episodes by bb, 1 episode by an unknown state)."
+    )
+
+
+def test_different_code_is_reported():
+    other = {key: {**episode, "code": "bb"} for key, episode in TRUTH.episodes.items()}
+    methods = {"truth": TRUTH, "eyes": DrivenMethod("navigator", "eyes", other)}
+    assert sum(note.startswith("Different code drove some") for note in comparison_notes(methods)) == 1
+    assert not any("Different code" in note for note in comparison_notes({"truth": TRUTH, "eyes": EYES}))
+
+
+def test_errors_of_the_depth_that_episodes_lack_are_counted():
+    whole = {"abs_rel": 0.1, "rocks": 3, "false_obstacles": 0, "looks": 9, "near_ground": 100}
+    episodes = {key: {**episode, **whole} for key, episode in EYES.episodes.items()}
+    eyes = DrivenMethod("navigator", "eyes", episodes)
+    truth = DrivenMethod("navigator", "ground_truth", TRUTH.episodes)
+    assert not any("lacks" in note for note in comparison_notes({"truth": truth, "eyes": eyes})[1:])
+    for key in list(episodes)[:2]:
+        episodes[key] = {**episodes[key], "abs_rel": None}
+    episodes[key].pop("near_ground")
+    assert comparison_notes({"truth": truth, "eyes": eyes})[-1] == (
+        "eyes lacks abs_rel in 2 episodes, near_ground in 1 episode: its figures for the depth rest on the others."
     )
 
 
