@@ -54,6 +54,7 @@ def bullet_drive(scene, soil, yaw, turn=0.0):
 
 
 def test_a_rover_climbs_sand_with_the_slip_of_its_wheels(slope):
+    """As docs/results/slip.md shows it: what the model gave, not what a rover was measured to do."""
     slips = [settled_drive(slope(degrees), "sand", 0.0)[2].slip for degrees in (0, 5, 10, 15, 20)]
     np.testing.assert_allclose(slips, [0.04, 0.10, 0.19, 0.33, 0.67], atol=0.03)
 
