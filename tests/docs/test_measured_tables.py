@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from envs.drives.metrics import paired_scores
+from envs.suites.suite import load_suite
 from m3depth.evaluation.bootstrap import interval, resampled_means
 
 ROOT = Path(__file__).parents[2] / "docs/results"
@@ -157,3 +158,22 @@ def test_the_texture_of_images_is_that_of_its_file() -> None:
         )
         spreads.append(f"{mean} ({low.removesuffix(' %')} to {high.removesuffix(' %')})")
     assert table_rows["eight photographs from Earth"] == spreads
+
+
+def test_the_drives_on_test_are_those_of_their_files() -> None:
+    methods = ("ground_truth", "m3depth", "sgbm", "sad-sgm")
+    drives: dict[tuple[str, str], list[dict]] = {}
+    for file in (ROOT / "marsnav-v1").glob("test-*-of-140.json"):
+        for drive in json.loads(file.read_text())["episodes"]:
+            for condition in (drive["condition"], "all"):
+                drives.setdefault((condition, drive["perception"]), []).append(drive)
+    table_rows = rows("marsnav-v1.md", "## On test")
+    assert [row[0] for row in table_rows] == [*load_suite("marsnav-v1").conditions, "all"]
+    for condition, courses, *cells in table_rows:
+        for method, cell in zip(methods, cells, strict=True):
+            driven = drives[condition, method]
+            goals, spl = sum(drive["success"] for drive in driven), np.mean([drive["spl"] for drive in driven])
+            assert cell == f"{goals} of {len(driven)}, {spl:.2f}".replace(" 0.", " ."), (condition, method)
+        if condition != "all":
+            numbers = sorted(drive["course"] for drive in drives[condition, "ground_truth"])
+            assert courses == ("all 20" if numbers == [*range(20)] else ", ".join(map(str, numbers)))
