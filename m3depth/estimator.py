@@ -40,8 +40,8 @@ CONFIDENCE_LIMITS = (-1e-3, 1 + 1e-3)  # that rounding may reach
 class Estimator(Protocol):
     """A stereo method, as evaluation, prediction and the driving environment use it.
 
-    A method whose normals are planes fitted to its disparity sets the class attribute `normals_are_fitted = True`.
-    Evaluation then does not fit them again.
+    A method whose normals are planes fitted to its disparity sets the class attribute `normals_are_fitted = True`, so
+    that evaluation does not fit them again. Another, `files`, names what it reads (m3depth.class_files).
     """
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
