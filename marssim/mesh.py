@@ -96,6 +96,13 @@ def scene_mesh(scene: Scene, surroundings: bool = True) -> dict[str, trimesh.Tri
     return {name: part for name, part in parts.items() if part is not None}
 
 
+class _KeepingNormals(trimesh.Trimesh):
+    """A mesh whose copies, which trimesh's writers make, keep the normals of its vertices."""
+
+    def copy(self, include_cache: bool = True, include_visual: bool = True) -> trimesh.Trimesh:
+        return super().copy(include_cache, include_visual)
+
+
 def encode_mesh(parts: dict[str, trimesh.Trimesh], suffix: Suffix) -> bytes:
     """Encode the parts of a scene, as of scene_mesh, as one file.
 
@@ -108,11 +115,14 @@ def encode_mesh(parts: dict[str, trimesh.Trimesh], suffix: Suffix) -> bytes:
     """
     world, together = trimesh.Scene(), []
     for name, part in parts.items():
-        written: Any = part.copy()
+        visual: Any = part.visual
+        colours = visual.vertex_colors[:, :3]
+        written: Any = _KeepingNormals(
+            part.vertices, part.faces, vertex_normals=part.vertex_normals, process=False,
+            vertex_colors=colours if suffix == "glb" else screen_colours(colours),
+        )  # fmt: skip
         if suffix == "glb":
             written.apply_transform(Y_UP)
-        else:
-            written.visual.vertex_colors = screen_colours(written.visual.vertex_colors[:, :3])
         together.append(written)
         world.add_geometry(written, node_name=name, geom_name=name)
     if suffix in ("ply", "stl"):

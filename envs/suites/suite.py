@@ -206,6 +206,11 @@ def _read(path: Path, stamp: int) -> Suite:
             raise DatasetError(
                 f"suite {path}: episodes[{n}] is of {key[0]}, {key[1]}, which the file does not describe"
             )
+        if key[2] >= (courses := content["splits"][key[0]]["courses"]):
+            raise DatasetError(
+                f"suite {path}: episodes[{n}].course must be below {courses}, the number of courses of {key[0]}, got "
+                f"{key[2]}"
+            )
         if each["seed"] != (seed := series_seed(content["splits"][key[0]]["seed"], key[2])):
             raise DatasetError(
                 f"suite {path}: episodes[{n}].seed must be {seed}, as follows from that of {key[0]}, got {each['seed']}"

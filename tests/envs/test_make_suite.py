@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +34,22 @@ def test_a_held_out_split_is_drawn_from_its_passphrase(small_suite, passphrase, 
     assert drawn.conditions == suite.conditions and drawn.drive == suite.drive
     seeds = {episode["seed"] for episode in drawn.episodes.values()}
     assert len(seeds) == 1 and not seeds & {episode["seed"] for episode in suite.episodes.values()}
+
+
+def test_a_held_out_split_is_driven_as_its_suite(small_suite, passphrase, tmp_path, monkeypatch):
+    content = json.loads(small_suite.read_text())
+    content["drive"].update(renderer="scan", slip="sand")
+    other = tmp_path / "other-v1.json"
+    other.write_text(json.dumps(content))
+    calls = []
+    monkeypatch.setattr(envs.make_suite, "make_suite", lambda *a, **k: calls.append(k) or {"suite": a[0]})
+    published = published_digest(load_suite(str(other)), 1, SECRET)
+    envs.make_suite.write_suite(
+        envs.make_suite.MakeSuiteConfig(
+            tmp_path / "a.json", courses=1, held_out=str(other), passphrase_file=Path(passphrase), published=published
+        )
+    )
+    assert calls[0]["drive"] == content["drive"]
 
 
 def test_a_passphrase_that_is_no_text_is_named(small_suite, tmp_path, capsys):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from marssim import SceneConfig, SceneRenderer, build_scene, preset, save_place
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -140,3 +141,73 @@ def test_mistakes_are_one_line(tmp_path, capsys):
         error = capsys.readouterr().err
         assert error.startswith("error: ") and message in error and error.count("\n") == 1
     assert not list(tmp_path.glob("*.glb"))
+
+
+def projected_area(part: trimesh.Trimesh) -> float:
+    """Return the area on the map [m2], negative for faces that look down."""
+    a, b, c = np.moveaxis(part.triangles[..., :2], 1, 0)
+    (x, y), (u, v) = (b - a).T, (c - a).T
+    return float((x * v - y * u).sum() / 2)
+
+
+def test_the_ground_looks_up_and_no_part_of_it_lies_below_another(scene):
+    parts = scene_mesh(scene)
+    for name in ("ground", "surroundings"):
+        assert (parts[name].face_normals[:, 2] > 0).all()
+    outer = np.ptp(parts["surroundings"].bounds[:, 0]) ** 2
+    inner = projected_area(parts["ground"])
+    assert inner == pytest.approx((2 * scene.half) ** 2, rel=1e-9)
+    assert 0.95 * outer < inner + projected_area(parts["surroundings"]) <= outer * (1 + 1e-9)
+
+
+def normals_in(content: bytes, suffix: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices and the normals in a file, world frame."""
+    back = trimesh.load(trimesh.util.wrap_as_stream(content), file_type=suffix, process=False)
+    mesh = next(iter(back.geometry.values())) if isinstance(back, trimesh.Scene) else back  # of the single part
+    if suffix != "glb":
+        return mesh.vertices, mesh.vertex_normals
+    places, normals = (np.stack([x, -z, y], axis=1) for x, y, z in (mesh.vertices.T, mesh.vertex_normals.T))
+    return places, normals
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj"])
+def test_files_hold_normals_that_face_outwards(scene, suffix):
+    content = encode_mesh({"rocks": scene_mesh(scene, surroundings=False)["rocks"]}, suffix)
+    assert (b'"NORMAL"' if suffix == "glb" else b"\nvn ") in content
+    places, normals = normals_in(content, suffix)
+    apart, at = cKDTree(scene.rocks.vertices).query(places)
+    assert apart.max() < 1e-5
+    assert (np.einsum("ij,ij->i", normals, scene.rocks.vertex_normals[at]) > 0).all()
+
+
+def test_the_parts_have_the_normals_of_the_scene(scene):
+    part = scene_mesh(scene, surroundings=False)["rocks"]
+    apart, at = cKDTree(scene.rocks.vertices).query(part.vertices)
+    assert apart.max() == 0
+    np.testing.assert_allclose(part.vertex_normals, scene.rocks.vertex_normals[at], atol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
+def test_files_hold_the_normals_of_the_scene(scene, suffix):
+    places, normals = normals_in(encode_mesh({"rocks": scene_mesh(scene, surroundings=False)["rocks"]}, suffix), suffix)
+    at = cKDTree(scene.rocks.vertices).query(places)[1]
+    np.testing.assert_allclose(normals, scene.rocks.vertex_normals[at], atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_colours_for_the_screen_are_those_of_the_albedo_with_gamma(scene, suffix):
+    mesh = read(encode_mesh({"ground": scene_mesh(scene)["ground"]}, suffix), suffix)
+    colour = np.asarray(mesh.visual.vertex_colors)[:, :3].astype(float)
+    assert np.abs(colour - 255 * np.power(GROUND_COLOUR, 1 / 2.2)).max() <= 2
+
+
+def test_bodies_outside_of_the_fine_square_are_left_out_by_either_coordinate(scene):
+    """Rocks and outcrop are the same bodies here, 3 m to the north, so that some lie outside by y alone."""
+    outside = scene.rocks.centre + np.array([0.0, 3.0, 0.0])
+    rocks = replace(scene.rocks, centre=outside)
+    outcrop = replace(scene.outcrop, bodies=rocks)
+    inside = (np.abs(outside[:, :2]) <= scene.half).all(axis=1)
+    assert 0 < inside.sum() < (np.abs(outside[:, 0]) <= scene.half).sum()
+    parts = scene_mesh(replace(scene, rocks=rocks, outcrop=outcrop), surroundings=False)
+    for name in ("rocks", "outcrop"):
+        assert len(parts[name].faces) == inside[rocks.face_rock].sum()

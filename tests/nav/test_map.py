@@ -6,13 +6,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from drawn_maps import map_of_height
 from PIL import Image
 
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.dataset.map_file import encode_map
 from marssim.base.pose import look_pose
+from marssim.base.rover_spec import ZHURONG
+from nav import TraversabilityConfig, assess
 from nav.ground.map_files import LEFT, STRIP
-from nav.map import MapOptions, PredictedPair, find_pairs, main, make_map
+from nav.map import DepthCount, MapOptions, PredictedPair, _summary, find_pairs, main, make_map
 
 RIG = StereoRig(PinholeCamera.centred(160, 120, 120.0), 0.3)
 BLOCK = np.array([5.0, -0.5]), 0.5, 0.6  # centre [m], half of its side [m], height [m]
@@ -78,6 +81,22 @@ def test_the_map_holds_what_the_corners_of_an_image_show_within_the_range(tmp_pa
     assert elevation.config.size / 2 > 6 * np.linalg.norm(RIG.camera.rays(), axis=-1).max() > 7
 
 
+def test_a_map_of_several_pairs_reaches_as_far_around_the_first_as_around_the_last(tmp_path):
+    """Cameras of two focal lengths stand 8 m apart; the wider one sees farther to the side."""
+    wide = StereoRig(PinholeCamera.centred(160, 120, 60.0), 0.3)
+    pairs = []
+    for name, x, rig in (("a", 0.0, RIG), ("b", 8.0, wide)):
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "depth.npy", np.full((120, 160), np.nan, np.float32))
+        pose = look_pose(np.array([x, 0.0, 1.2]), yaw=0.0, pitch=np.deg2rad(20))
+        pairs.append(PredictedPair(tmp_path / name, rig, pose, 1.2))
+    elevation, _ = make_map(pairs, MapOptions(tmp_path, tmp_path / "out", max_range=6.0))
+    reach = 6 * np.linalg.norm(wide.camera.rays(), axis=-1).max()
+    for low, high, axis in ((0.0, 8.0, 0), (0.0, 0.0, 1)):
+        start = elevation.origin[axis]
+        assert start < low - reach and start + elevation.config.size > high + reach
+
+
 def test_a_map_that_is_being_replaced_has_no_record(tmp_path, monkeypatch):
     write_pair(tmp_path / "pair")
     arguments = [str(tmp_path / "pair"), "--out", str(tmp_path / "map"), "--max-range", "6"]
@@ -125,6 +144,34 @@ def test_the_files_end_where_nothing_more_was_seen(tmp_path):
     assert (picture[row, column + 15] > 200).all() and not (picture[row, column - 6 : column - 3] > 200).any()
     height = picture.shape[0]
     assert (picture[: height - STRIP, : LEFT - 8] < 100).any() and (picture[height - STRIP :, LEFT:] < 100).any()
+
+
+def test_the_summary_counts_the_cells_of_the_files(tmp_path, capsys):
+    write_pair(tmp_path / "pair", pose=False)
+    assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 0
+    code, heights = (layer(tmp_path / "map", name)[0] for name in ("traversability", "elevation"))
+    low, high = np.nanpercentile(heights, [5, 95])
+    assert capsys.readouterr().out == (
+        f"{tmp_path / 'map'}: 1 pair; {(code != 255).sum() * 0.01:.0f} m2 visible, heights {low:.2f} to {high:.2f} m "
+        f"(5 to 95 %); obstacles on {(code == 2).sum() * 0.01:.1f} m2\n"
+    )
+    assert (code == 2).any()
+
+
+def test_the_summary_gives_the_heights_from_low_to_high(tmp_path):
+    elevation = map_of_height(lambda x, y: 0.1 * x)  # x is -8 to 8 m
+    pairs = [PredictedPair(tmp_path, RIG, np.eye(4))]
+    words = _summary(pairs, elevation, assess(elevation, ZHURONG, TraversabilityConfig()))
+    assert words == "1 pair; 256 m2 visible, heights -0.72 to 0.72 m (5 to 95 %); obstacles on 0.0 m2"
+
+
+@pytest.mark.parametrize(("height", "expected"), [(1.2, 1.2), (0.01, None), (-0.3, None)])
+def test_a_cameras_height_is_that_on_the_rover(tmp_path, height, expected):
+    write_pair(tmp_path / "pair", x=3.0)
+    record = json.loads((tmp_path / "pair/prediction.json").read_text())
+    record["camera_to_rover"] = look_pose(np.array([0.5, 0.1, height]), 0.0, 0.3).tolist()
+    (tmp_path / "pair/prediction.json").write_text(json.dumps(record))
+    assert find_pairs(tmp_path / "pair")[0].camera_height == (None if expected is None else pytest.approx(expected))
 
 
 def test_wide_cells_need_fewer_points(tmp_path):
@@ -185,6 +232,12 @@ def test_depth_beyond_the_range_is_a_warning(tmp_path, capsys):
     np.save(tmp_path / "pair/depth.npy", depth)
     assert main([str(tmp_path / "pair"), "--out", str(tmp_path / "map")]) == 2
     assert "makes a map: 100 % of the depth lies beyond --max-range 12 m" in capsys.readouterr().err
+
+
+def test_depth_at_the_range_does_not_lie_beyond_it():
+    count = DepthCount()
+    count.add(np.array([[11.0, 12.0, 12.1], [np.nan, np.inf, 0.0]]), 12.0)
+    assert (count.known, count.beyond) == (3, 1)
 
 
 def test_pairs_without_a_pose_stay_out_of_a_map_of_many(tmp_path, capsys):

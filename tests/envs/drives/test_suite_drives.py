@@ -15,6 +15,8 @@ def test_a_suite_fixes_courses_and_conditions(small_suite, make_suite_config, tm
     assert len(config.tasks) == 8
     assert values_of(config, config.cells[1])["look_every"] == 1.0
     assert with_suite(make_suite_config(small_suite, tmp_path, split="test", condition=("clear",))).episodes == 1
+    for episodes in (1, 2):
+        assert with_suite(make_suite_config(small_suite, tmp_path, episodes=episodes)).episodes == episodes
 
 
 def test_the_results_of_a_suite_hold_every_episode(suite_run):

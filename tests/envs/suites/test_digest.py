@@ -69,6 +69,13 @@ def test_numbers_at_the_steps_of_one_digest_do_not_matter(make_scene, level):
     assert not changed_by(make_scene, np.full((21, 21), level), 1e-7)
 
 
+@pytest.mark.parametrize(("level", "differing"), [(0.0003, 1), (0.0008, 0)])
+def test_the_steps_of_the_digests_lie_half_a_millimetre_apart(make_scene, level, differing):
+    scene = make_scene(lambda x, y: np.full_like(x, level), cell=1.0, half=10)
+    same = [a == b for a, b in zip(scene_digests(scene), scene_digests(lifted(scene, 0.0004)))]
+    assert same == [number != differing for number in (0, 1)]
+
+
 def test_the_last_bits_of_all_heights_do_not_matter_and_micrometres_do(make_scene):
     heights = np.random.default_rng(0).uniform(-1, 1, (301, 301))
     assert not changed_by(make_scene, heights, 1e-13) and changed_by(make_scene, heights, 1e-6)

@@ -61,9 +61,9 @@ def test_what_no_draw_mends_is_an_error(monkeypatch):
 def test_a_seed_of_the_course_is_that_of_its_settings_whatever_the_generator(monkeypatch):
     drawn = [
         draw(monkeypatch, 1.0, seed, {"scene_seed": of_course}, k=(0.0, 0.4))[1].k
-        for seed, of_course in ((1, 5), (2, 5), (2, np.int64(5)), (1, 6))
+        for seed, of_course in ((1, 5), (2, 5), (2, np.int64(5)), (1, 6), (1, 0), (2, 0))
     ]
-    assert drawn[0] == drawn[1] == drawn[2] != drawn[3]
+    assert drawn[0] == drawn[1] == drawn[2] != drawn[3] and drawn[4] == drawn[5]
     assert draw(monkeypatch, 1.0, 1, k=(0.0, 0.4))[1].k != draw(monkeypatch, 1.0, 2, k=(0.0, 0.4))[1].k
     with pytest.raises(ValueError, match="scene_seed"):
         draw(monkeypatch, 1.0, 1, {"scene_seed": -1}, k=(0.0, 0.4))

@@ -29,3 +29,8 @@ def test_values_are_those_that_are_present():
 def test_records_of_one_sensor_are_the_same_but_for_rounding(name, value, same):
     one = {"psf": 0.4, "read_noise": 7.0, "seed": 5}
     assert same_sensor(one, {**one, name: value}) is same and same_sensor(one, one)
+
+
+def test_seeds_that_differ_by_one_are_two_sensors():
+    one = {"psf": 0.4, "seed": 4_000_000_000}
+    assert not same_sensor(one, {**one, "seed": 4_000_000_001})

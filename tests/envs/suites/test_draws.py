@@ -49,10 +49,18 @@ def test_the_strength_of_a_condition_comes_from_its_range():
         }  # fmt: skip
 
 
+def test_a_range_of_one_value_is_that_value():
+    source = draws(condition={"optical_depth": (2, 2)}, k=(0.1, 0.1))
+    settings = source.draw(stream_of_draws(0))
+    assert settings.scene.look.optical_depth == (2.0, 2.0) and settings.course.k == 0.1
+
+
 def test_draws_follow_from_the_seed():
     source = draws(k=(0.0, 0.2))
     first, again, other = ([source.draw(rng).course.k for _ in range(3)] for rng in map(stream_of_draws, (4, 4, 5)))
     assert first == again != other and len(set(first)) == 3
+    numbers = [stream_of_draws(seed).random() for seed in (-1, 0, 1, 2**32 + 1)]
+    assert numbers[0] == numbers[1] and len(set(numbers[1:])) == 3
 
 
 def test_nothing_is_drawn_of_fixed_values():

@@ -33,3 +33,4 @@ def test_the_published_digest_does_not_begin_like_the_seed():
 def test_a_short_passphrase_is_refused():
     with pytest.raises(ValueError, match="must have 16 characters or more, got 5"):
         published_digest(A, 20, "short")
+    assert len(published_digest(A, 20, 16 * "a")) == 64

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.suites.making import make_suite, suite_conditions
-from envs.suites.suite import build_course, build_sensor, course_values, load_suite
+from envs.suites.suite import _same, build_course, build_sensor, course_values, load_suite
 from marssim.base.files.json_file import DatasetError
 
 
@@ -108,6 +108,7 @@ def test_true_depth_has_the_pixels_of_the_eyes():
         (lambda c: c["conditions"].update(all={}), "conditions: all is the name of all of them together"),
         (lambda c: c.update(conditions=3), "conditions must be of type object, got 3"),
         (lambda c: c["episodes"].pop(), "course 0 of test, rare_looks, is missing"),
+        (lambda c: c["episodes"][3].update(course=9), r"episodes\[3\].course must be below \d, .* of dev, got 9"),
         (lambda c: c["episodes"][3].pop("seed"), r"episodes\[3\] has no seed"),
         (lambda c: c["episodes"][0].update(seed=7), r"episodes\[0\].seed must be \d+, as follows from .* dev, got 7"),
         (lambda c: c["episodes"][1].update(split="a"), r"episodes\[1\] is of a, rare_looks, which the file does not"),
@@ -133,3 +134,19 @@ def test_an_unknown_suite_is_refused(tmp_path):
         load_suite("marsnav-v9")
     with pytest.raises(DatasetError, match="no such file"):
         load_suite(str(tmp_path / "none.json"))
+
+
+@pytest.mark.parametrize(
+    ("name", "off", "same"),
+    [
+        ("start", 1e-3, True),
+        ("start", 5e-3, False),
+        ("goal", -5e-3, False),
+        ("shortest", 0.01, True),
+        ("shortest", -0.03, False),
+    ],
+)
+def test_places_may_differ_by_two_millimetres_and_ways_by_two_centimetres(name, off, same):
+    built = {"start": [1.0, 2.0, 0.5], "goal": [4.0, 2.0], "shortest": 3.0}
+    episode = {**built, name: (np.array(built[name]) + off).tolist()}
+    assert _same(name, built, episode) is same

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from raw_pairs import GROUND, SIZE, WALL, cahvore_pair, depth_of, opencv_pair, write_images
@@ -139,6 +140,18 @@ def test_focal_length_and_size_can_be_chosen(raw):
     assert result.matches.after.median < 0.08
 
 
+def test_a_reduced_image_is_not_aliased(raw):
+    """A chequerboard of pixels becomes a level grey where two of them make one, and stays where none is reduced."""
+    chequered = (255 * (np.indices(SIZE[::-1]).sum(axis=0) % 2)).astype(np.uint8)
+    images = [replace(image, pixels=chequered) for image in raw["radtan"]]
+    spread = {}
+    for focal, size in ((PAIRS["radtan"].left.lens.focal() / 2, (240, 180)), (None, None)):
+        result = rectify_pair(*images, PAIRS["radtan"], focal=focal, size=size)
+        middle = result.left[result.left.shape[0] // 3 : -result.left.shape[0] // 3].astype(float)
+        spread[focal is None] = middle[:, middle.shape[1] // 3 : -middle.shape[1] // 3].std()
+    assert spread[False] < 10 < 40 < spread[True]
+
+
 def test_images_without_matches_are_rectified_and_not_judged(tmp_path, raw):
     left, right = raw["radtan"]
     blank = [replace(image, pixels=np.full(SIZE[::-1], 90, np.uint8)) for image in (left, right)]
@@ -183,3 +196,16 @@ def test_points_without_a_match_give_none():
     blank = np.zeros((50, 60), np.uint8)
     shown = np.ones((50, 60), bool)
     assert len(matched_points(blank, blank, (shown, shown), 5.0)[0]) == 0
+
+
+def test_points_that_look_alike_are_not_matched():
+    """A pattern that repeats along the rows shows each point several times, and one that does not only once."""
+    rng = np.random.default_rng(0)
+    plain = cv2.GaussianBlur(rng.uniform(0, 255, (160, 320)).astype(np.float32), (0, 0), 2.0)
+    plain = np.clip(128 + 4 * (plain - plain.mean()), 0, 255)
+    found = []
+    for image in (plain, np.tile(plain[:, :40], (1, 8))):
+        left, right = (np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8) for _ in range(2))
+        shown = np.ones(image.shape, bool)
+        found.append(len(matched_points(left, right, (shown, shown), 8.0)[0]))
+    assert found[0] > 200 and found[1] < 0.4 * found[0]

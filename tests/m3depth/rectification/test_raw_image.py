@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.masks import read_valid
-from m3depth.rectification.raw_image import RawImage, masked, read_raw_pair
+from m3depth.rectification.raw_image import RawImage, _in_16_bits, masked, read_raw_pair
 
 
 @pytest.mark.parametrize("white", [np.uint8(1), np.uint16(1), np.uint16(65535)])
@@ -32,3 +32,11 @@ def test_the_floats_of_both_eyes_have_one_black_and_one_white(tmp_path, monkeypa
     for image in read_raw_pair(tmp_path / "left.png", tmp_path / "right.png"):
         assert image.pixels.dtype == np.uint16
         np.testing.assert_allclose(image.pixels, given[image.path.name] * 325, atol=1)  # 65000 at 200
+
+
+def test_pixels_without_data_do_not_set_the_black_and_white_of_floats():
+    pixels, valid = np.linspace(10, 20, 48, dtype=np.float32).reshape(6, 8), np.ones((6, 8), bool)
+    pixels[0, 0], valid[0, 0] = -1e6, False
+    for image in _in_16_bits(*(RawImage(Path(f"{eye}.png"), pixels, valid) for eye in ("left", "right"))):
+        low, high = pixels[valid].min(), pixels.max()
+        np.testing.assert_allclose(image.pixels[valid], (pixels[valid] - low) / (high - low) * 65000, atol=1)

@@ -8,6 +8,7 @@ from marssim.base.dataset.frame import GROUND
 from marssim.base.pose import look_pose
 from marssim.render.penumbra import penumbra
 from marssim.render.renderers.scan_renderer import ScanRenderer
+from marssim.scene.look import SUN_RADIUS, sun_direction
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
 
@@ -66,3 +67,37 @@ def test_borders_narrower_than_a_pixel_are_left_alone(scene):
     pose, depth, distance, *_ = shadows(scene, 0.3)
     near = np.where((distance > 0) & (distance < np.inf), np.minimum(distance, 1e-6), distance)
     assert not penumbra(CAMERA.rays().reshape(-1, 3), pose, depth, near, scene.look.sun).any()
+
+
+DOWN = PinholeCamera.centred(90, 90, 400.0)
+FROM_ABOVE = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 4.0], [0, 0, 0, 1]])  # a pixel is 1 cm of level ground
+
+
+def border(distance: float, elevation_deg: float, azimuth_deg: float, axis: int) -> np.ndarray:
+    """Return which pixels (90,) across the straight border of a shadow are softened.
+
+    It lies between pixels 44 and 45 of the rows (axis 0) or of the columns (axis 1); distance: to what casts it [m].
+    """
+    elevation, azimuth = np.deg2rad([elevation_deg, azimuth_deg])
+    depth, shadow = np.full((90, 90), 4.0, np.float32), np.full((90, 90), np.inf, np.float32)
+    shadow.swapaxes(0, axis)[:45] = distance
+    found = penumbra(DOWN.rays().reshape(-1, 3), FROM_ABOVE, depth, shadow, sun_direction(elevation, azimuth))
+    return found.reshape(90, 90).swapaxes(0, axis)[:, 45]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0])
+def test_a_straight_border_on_level_ground_is_as_wide_as_the_suns_disc_makes_it(azimuth_deg, axis):
+    """Its half width is that of the disc's shadow across the light, stretched along the light by the low sun."""
+    stretch = 1 / np.sin(np.deg2rad(30)) if (azimuth_deg == 0) == (axis == 1) else 1.0
+    half = 100 * 10.0 * np.tan(SUN_RADIUS) * stretch  # [px]
+    off = np.abs(np.arange(90) - 44.5)
+    soft = border(10.0, 30.0, azimuth_deg, axis)
+    assert soft[off < half].all() and not soft[off > half + 3.5].any()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("distance", "is_wide"), [(1.4, False), (1.9, True)])
+def test_borders_are_softened_from_a_width_of_one_pixel_on(distance, is_wide, axis):
+    """Under a sun at zenith they are 0.85 and 1.16 px wide."""
+    assert border(distance, 90.0, 0.0, axis).any() == is_wide

@@ -150,6 +150,14 @@ def test_a_residual_of_rectification_moves_the_right_image(rotation, down, right
     assert np.allclose(camera.project(points @ moved), expected, atol=0.02 + 0.08 * (abs(down) + abs(right)))
 
 
+def test_offsets_are_pixels_of_their_own_axis():
+    camera = replace(NATECAM.camera, fx=800.0, fy=500.0)
+    moved = replace(CLEAN, vertical_offset=2.0, horizontal_offset=-3.0).right_rotation(camera)
+    assert camera.project(np.array([0.0, 0.0, 1.0]) @ moved) == pytest.approx(
+        [camera.cx - 3, camera.cy + 2], abs=1e-3
+    )  # fmt: skip
+
+
 def test_without_residuals_the_right_camera_is_not_turned_at_all():
     assert np.array_equal(CLEAN.right_rotation(NATECAM.camera), np.eye(3))
 
@@ -239,6 +247,59 @@ def test_a_common_stretch_keeps_the_difference_of_the_eyes_and_a_separate_one_re
     )
     assert np.median(common[1]) > np.median(common[0]) + 8
     assert np.median(alone[1]) == pytest.approx(np.median(alone[0]), abs=4)
+
+
+def test_the_left_image_decides_the_exposure_of_both():
+    ground, left = np.ones((96, 96), bool), scene()
+    images = CLEAN.expose_pair(left, 1.5 * left, ground, np.random.default_rng(0))
+    alone = CLEAN.expose(left, CLEAN.gain(left, ground), np.random.default_rng(0))
+    assert np.array_equal(images[0], alone)
+    middle = images[0] < 150
+    assert np.median(linear(images[1])[middle] / linear(images[0])[middle]) == pytest.approx(1.5, rel=0.02)
+
+
+def test_each_eye_looks_through_dust_of_its_own():
+    left, right = replace(CLEAN, dust=0.4, seed=3).expose_pair(
+        flat(0.2), flat(0.2), np.ones((160, 160), bool), np.random.default_rng(0)
+    )
+    assert np.ptp(left) > 10 and np.ptp(right) > 10
+    assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 0.6
+
+
+def test_motion_blur_at_45_deg_goes_down_to_the_right():
+    radiance = flat(0.0, 41)
+    radiance[20, 20] = 20.0
+    image = replace(CLEAN, motion_blur=12.0, motion_direction_deg=45.0).expose(radiance, 1.0, np.random.default_rng(0))
+    assert image[23, 23].min() > 100 and image[17, 17].min() > 100
+    assert not image[23, 17].any() and not image[17, 23].any()
+
+
+def test_effects_of_a_ccd_apply_the_vignetting_and_the_gain_once():
+    """Nothing saturates, so nothing bleeds."""
+    plain = replace(CLEAN, vignetting=0.4)
+    images = [
+        sensor.expose(flat(0.3), 2.0, np.random.default_rng(0)).astype(int)
+        for sensor in (plain, replace(plain, bleeding=0.5))
+    ]
+    assert np.abs(images[0] - images[1]).max() <= 1
+
+
+def test_the_charge_of_a_hot_pixel_that_saturates_overflows_too():
+    bright = replace(CLEAN, hot_pixels=2e4, seed=3)
+    without, bled = (
+        replace(bright, bleeding=share).expose(flat(0.97), 1.0, np.random.default_rng(0)) for share in (0.0, 1.0)
+    )
+    level = np.median(without)
+    assert (bled > level).sum() > 1.2 * (without > level).sum() > 100
+
+
+def test_a_separate_stretch_turns_the_same_share_of_each_image_black_and_white():
+    ground, light = np.ones((28, 30), bool), scene()[31:59, :30]  # texture alone
+    sensor = replace(CLEAN, gain_difference=0.3, stretch=0.05)
+    images = replace(sensor, stretch_alone=1.0).expose_pair(light, light, ground, np.random.default_rng(0))
+    for image in images:
+        assert (image == 0).mean() == pytest.approx(0.05, abs=0.02)
+        assert (image == 255).mean() == pytest.approx(0.05, abs=0.02)
 
 
 def test_a_stop_of_overexposure_doubles_the_light():

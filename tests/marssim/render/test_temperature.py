@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,3 +41,15 @@ def test_a_temperature_beyond_the_limits_is_refused():
 def test_a_rig_of_many_pixels_names_the_temperature_that_moves_its_image_too_far():
     with pytest.raises(ValueError, match=r"a temperature of 100 K moves the right image by 11.* rows and .*10, got"):
         at_temperature(SensorConfig(), 100.0, NATECAM.resized(4096, 4096))
+
+
+def test_offsets_follow_the_focal_length_of_their_own_axis():
+    camera = replace(NATECAM.camera, fx=2 * NATECAM.camera.fx)
+    warm = draw(50.0, replace(NATECAM, camera=camera))
+    assert (warm.vertical_offset, warm.horizontal_offset) == pytest.approx((0.7, 1.0), rel=1e-3)
+
+
+def test_a_warm_rig_keeps_the_spread_of_its_detectors():
+    warm = at_temperature(SensorConfig(), 50.0, NATECAM)
+    for name, change in (("vertical_offset", 0.7), ("horizontal_offset", 0.5), ("gain_difference", 0.10)):
+        assert np.subtract(getattr(warm, name), getattr(SensorConfig(), name)) == pytest.approx(change, rel=1e-3)

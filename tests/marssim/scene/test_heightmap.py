@@ -110,6 +110,24 @@ def test_cells_in_degrees_that_are_square_on_the_ground_may_be_given_a_size(tmp_
             read(path)
 
 
+@pytest.mark.parametrize("place", [1, 4])
+def test_a_map_whose_rows_or_columns_alone_lean_is_turned(tmp_path, place):
+    matrix = list(transformation(2.0, -2.0))
+    matrix[place] = 0.1
+    path = geotiff(tmp_path / "map.tif", np.zeros((6, 6), np.float32), scale=None, matrix=tuple(matrix))
+    with pytest.raises(ValueError, match="is turned: its rows do not run along the east"):
+        read(path)
+
+
+@pytest.mark.parametrize("line", [0.0, 20.0])
+def test_cells_in_degrees_are_judged_at_the_middle_of_the_map(tmp_path, line):
+    """The middle of these 40 rows of half a degree lies at 60 deg, 10 deg south of the upper edge."""
+    tags = {"scale": (0.5, 0.5, 0.0), "model": 2, "tie": (0.0, line, 0.0, 77.4, 70.0 - line / 2, 0.0)}
+    path = geotiff(tmp_path / "map.tif", np.zeros((40, 6), np.float32), **tags)
+    with pytest.raises(ValueError, match=r"at 60 deg of latitude 0\.50 times as wide as high"):
+        read(path, scale=1.0)
+
+
 def test_the_scale_and_the_offset_of_gdal_give_the_heights(tmp_path):
     items = (
         '<GDALMetadata>\n  <Item name="OFFSET" sample="0" role="offset">-4500</Item>\n'
@@ -126,6 +144,15 @@ def test_the_scale_and_the_offset_of_gdal_give_the_heights(tmp_path):
         says = rf"map\.tif: the {role} of its heights must be a finite number.*, is '{text}'$"
         with pytest.raises(ValueError, match=says):
             read(geotiff(tmp_path / "map.tif", values, items=broken_items))
+
+
+def test_the_heights_are_those_of_the_first_band_whatever_comes_first_in_the_file(tmp_path):
+    items = "".join(
+        f'<Item name="SCALE" sample="{band}" role="scale">{scale}</Item>' for band, scale in ((1, 9), (0, 0.5))
+    )
+    values = np.arange(36, dtype=np.int16).reshape(6, 6)
+    path = geotiff(tmp_path / "map.tif", values, items=f"<GDALMetadata>{items}</GDALMetadata>")
+    np.testing.assert_array_equal(read(path).heights, 0.5 * values[::-1])
 
 
 def test_a_picture_is_no_map_of_heights_unless_they_are_given(tmp_path, recwarn):

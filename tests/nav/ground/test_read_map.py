@@ -72,6 +72,25 @@ def test_a_small_map_is_read_too(copy):
     assert read_map(str(copy)).origin == pytest.approx(content["west_south_m"]) and is_of_rover(copy)
 
 
+def test_a_map_that_is_higher_than_wide_comes_back_too(tmp_path):
+    """Without the cell of which a file lacks the lower height."""
+    made = ElevationMap(ElevationConfig(size=20.0))
+    x, y = np.meshgrid(*made.centres())
+    strip = (np.abs(x) < 1) & (np.abs(y) < 6)
+    made.low[strip], made.top[strip], made.weight[strip] = 0.1 * y[strip], 0.1 * y[strip], 1.0
+    made.low[100, 100] = np.nan
+    ground, pose = assess(made, ZHURONG, TraversabilityConfig()), np.eye(4)[None]
+    window = window_of(made, ground, pose[:, :2, 3])
+    assert window.shape[0] > 100 > window.shape[1]
+    write_map(tmp_path, made, ground, window, pose)
+    place = {"rows_columns": list(window.shape), "west_south_m": [window.west, window.south], "origin_m": [0, 0]}
+    (tmp_path / "map.json").write_text(json.dumps(PLACE | place))
+    read = read_map(tmp_path)
+    assert read.measured.sum() == strip.sum() - 1
+    (ix, jx), (iy, jy) = read.cell_of(np.array([[0.05, -5.95], [0.05, 0.05]])).T
+    assert read.top[iy, ix] == pytest.approx(-0.595, abs=1e-4) and np.isnan(read.top[jy, jx])
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [

@@ -263,6 +263,11 @@ def test_camera_infos_for_images_of_two_sizes_are_refused(tmp_path):
         (MIDDLEBURY.replace("124.343", ""), "field doffs must be a number, got ''"),
         (MIDDLEBURY.replace("124.343", "0"), "doffs is 0 px, and the cx of cam0 and cam1 are 124.343 px apart"),
         (MIDDLEBURY.replace("cam1=[3979", "cam1=[3970"), "cam0 and cam1 differ in more than"),
+        (MIDDLEBURY.replace("1019.507; 0 0 1]\ndoffs", "1020.507; 0 0 1]\ndoffs"), "cam0 and cam1 differ in more than"),
+        (
+            KITTI.replace("7.070493e+02 1.805066e+02 2.33", "7.080493e+02 1.805066e+02 2.33"),
+            "the vertical focal lengths",
+        ),
         (MIDDLEBURY.replace("=2964", "=2964.5"), "width and height must be whole numbers, got 2964.5 and 1988"),
         (MIDDLEBURY.replace("; 0 0 1]", "]"), "cam0 must have 9 numbers, has 6"),
         (MIDDLEBURY.replace("cam0=[3979.911 0", "cam0=[0 0"), "fx must be positive and finite"),

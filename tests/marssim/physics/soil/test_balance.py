@@ -3,7 +3,7 @@ import pytest
 
 from marssim.base.rover_spec import ZHURONG
 from marssim.physics.soil.balance import balanced_motion
-from marssim.physics.soil.loads import wheel_loads
+from marssim.physics.soil.loads import CENTRE_OF_MASS, wheel_loads
 from marssim.physics.soil.soils import SOIL_NAMES
 from marssim.physics.soil.tables import wheel_table
 from marssim.physics.world import GRAVITY
@@ -106,3 +106,11 @@ def test_loads_add_up_to_the_weight_and_move_downhill():
     right_down = wheel_loads(ZHURONG, WEIGHT * np.array([0.0, -np.sin(0.2), -np.cos(0.2)]))
     assert (right_down[1::2] > right_down[::2]).all()
     assert (wheel_loads(ZHURONG, WEIGHT * np.array([-0.99, 0.0, -0.1])) > 0).all()
+
+
+@pytest.mark.parametrize("tilt", [(0.1, 0.0), (0.0, -0.15), (-0.08, 0.12)])
+def test_the_moments_of_the_loads_balance_that_of_the_weight(tilt):
+    """About the point on the ground below the body's origin, which the wheels stand around."""
+    weight = WEIGHT * np.array([*np.sin(tilt), -np.sqrt(1 - np.sum(np.sin(tilt) ** 2))])
+    loads = wheel_loads(ZHURONG, weight)
+    np.testing.assert_allclose(loads @ HUBS, CENTRE_OF_MASS * weight[:2], rtol=1e-9, atol=1e-9)

@@ -28,3 +28,15 @@ def test_driving_costs_its_torque_and_braking_gives_nothing_back(torque, paid):
     """What a slope gives to a wheel overcomes its friction first."""
     work = 6 * paid * SPEED / RADIUS * SECONDS
     assert energy(torque) == pytest.approx(work / EFFICIENCY)
+
+
+def test_what_the_wheels_roll_sideways_is_no_slide():
+    rims, hubs = np.tile([0.0, 0.1], (6, 1)), np.tile([0.0, 0.08], (6, 1))
+    none, slippage = np.zeros(6), Slippage()
+    slippage.add(
+        Balance(
+            motion=np.array([0, 0.08, 0]), rims=rims, slip=none, force=0 * rims, torque=none, sinkage=none,
+            hub_velocities=hubs,
+        ), RADIUS, SECONDS, np.array([0, 0.1 * SECONDS]),
+    )  # fmt: skip
+    assert slippage.sideways == pytest.approx(-0.02 * SECONDS) and slippage.slip == pytest.approx(0.2)

@@ -25,6 +25,8 @@ def test_the_shares_add_up_and_follow_what_the_scene_shows():
     cover, soils = ground_cover(place), SoilMap.of(place)
     np.testing.assert_allclose(soils.shares.sum(axis=-1), 1, atol=1e-12)
     assert soils.shares.min() >= 0 and soils.shares[..., 2].max() > 0.5
+    sand, crust, _ = np.moveaxis(soils.shares, -1, 0)
+    np.testing.assert_allclose(sand * (1 - cover.sand), crust * cover.sand, atol=1e-6)  # plates lie over both alike
     sandy, swept = cover.sand > 0.95, cover.swept > 0.5
     assert soils.shares[sandy & (cover.swept <= 0)][:, 0].min() > 0.9
     assert soils.shares[swept & (cover.drift == 0)][:, 2].min() > 0.3
@@ -49,6 +51,13 @@ def test_the_share_of_bedrock_is_the_drawn_one(bedrock):
     assert share.mean() == pytest.approx(drawn.mean(), abs=0.03)
     for part in (share < 0.2, share > 0.5):
         assert part.sum() < 400 or share[part].mean() == pytest.approx(drawn[part].mean(), abs=0.05)
+
+
+def test_drifts_hide_the_bedrock_below_them():
+    place = scene(wind_ripples=0.0, bedrock=1.0, drifts=0.9)
+    cover, soils = ground_cover(place), SoilMap.of(place)
+    covered = (cover.drift > 0.5) & (cover.swept > 0.5)
+    assert covered.any() and (soils.shares[..., 2] <= 1 - cover.drift + 1e-6).all()
 
 
 def test_a_scene_without_bedrock_has_none_and_one_without_sand_is_crust():

@@ -107,3 +107,9 @@ def test_the_force_across_is_the_integral_of_the_stresses(soil, slide):
     pull = TABLES[soil].at(np.array([WEIGHT]))[0][0]
     table = TABLES[soil].side_at(np.array([WEIGHT]))[0] * np.interp(slide, SLIPS, pull - pull[0])
     assert table == pytest.approx(integral, rel=0.08)
+
+
+def test_on_bedrock_nothing_resists_so_the_torque_is_that_of_the_pull():
+    table = TABLES["bedrock"]
+    np.testing.assert_allclose(table.torque, ZHURONG.wheel_radius * table.pull)
+    assert table.pull[:, -1] == pytest.approx(BEDROCK.friction * table.loads, rel=1e-6)

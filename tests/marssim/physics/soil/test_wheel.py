@@ -1,7 +1,9 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from marssim.physics.soil.soils import CRUST, SAND
 from marssim.physics.soil.wheel import sinkage_under_load, wheel_forces
@@ -84,3 +86,33 @@ def test_a_slide_to_the_side_takes_thrust_from_a_wheel(soil):
     straight, sideways = (wheel_forces(soil, RADIUS, WIDTH, 0.02, 0.2, slide) for slide in (0.0, 0.5))
     assert sideways.pull < straight.pull and sideways.torque < straight.torque
     assert float(sideways.side) > 0
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.4])
+@pytest.mark.parametrize("soil", [SAND, CRUST])
+def test_the_forces_are_the_integrals_of_wong_and_reeces_stresses(soil, slip):
+    """Their equations again, integrated by SciPy."""
+    sinkage = 0.03
+    enters, leaves = np.arccos(1 - sinkage / RADIUS), -np.arccos(1 - soil.rebound * sinkage / RADIUS)
+    peak = (soil.peak[0] + soil.peak[1] * slip) * enters
+    n = soil.exponent + soil.slip_exponent * slip
+    k = soil.cohesion * soil.cohesion_modulus + soil.density * GRAVITY * WIDTH * soil.friction_modulus
+
+    def stresses(angle: float) -> tuple[float, float]:
+        front = angle if angle > peak else enters - (angle - leaves) / (peak - leaves) * (enters - peak)
+        normal = k * (RADIUS / WIDTH * (np.cos(front) - np.cos(enters))) ** n
+        moved = RADIUS * (enters - angle - (1 - slip) * (np.sin(enters) - np.sin(angle)))
+        return normal, (soil.cohesion + normal * np.tan(soil.friction_angle)) * (
+            1 - np.exp(-moved / soil.shear_modulus)
+        )
+
+    def integral(part) -> float:
+        ends = (leaves, peak, enters)
+        halves = [quad(lambda a: part(a, *stresses(a)), *pair)[0] for pair in pairwise(ends)]
+        return RADIUS * WIDTH * sum(halves)
+
+    forces = wheel_forces(soil, RADIUS, WIDTH, sinkage, slip)
+    assert float(forces.support) == pytest.approx(integral(lambda a, n, t: n * np.cos(a) + t * np.sin(a)), rel=1e-4)
+    assert float(forces.torque) == pytest.approx(integral(lambda a, n, t: RADIUS * t), rel=1e-4)
+    pull = integral(lambda a, n, t: t * np.cos(a) - n * np.sin(a))
+    assert float(forces.pull) == pytest.approx(pull, abs=1e-4 * float(forces.support))

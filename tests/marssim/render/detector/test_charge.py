@@ -47,3 +47,11 @@ def test_the_signal_falls_off_to_the_corners_by_the_vignetting():
     out = in_full_scale(np.ones((41, 61, 3), np.float32), 0.5, 0.3)
     assert out[20, 30] == pytest.approx(0.5) and out[0, 0] == pytest.approx(0.35) and out[-1, -1] == pytest.approx(0.35)
     assert out.dtype == np.float32
+
+
+def test_saturated_pixels_at_either_end_of_a_column_overflow_inwards():
+    top = np.full((20, 3, 3), 0.5, np.float32)
+    top[0, 1] = 4.0
+    filled, mirrored = bled(top, 1.0), bled(top[::-1], 1.0)[::-1]
+    assert np.allclose(filled, mirrored)
+    assert (filled - np.minimum(top, 1)).sum() == pytest.approx(4.5)  # the other half runs out of the column

@@ -35,3 +35,11 @@ def test_limits_leave_about_the_share_beyond_each_end(share, seed):
 def test_a_level_image_can_be_stretched(value):
     low, high = stretch_limits(np.full((20, 20, 3), value, np.uint8), 0.01)
     assert 0 <= low < high <= 255
+
+
+def test_vignetting_reaches_its_share_in_the_corners_of_an_image_of_any_shape():
+    signal = np.full((31, 81, 3), 0.5, np.float32)
+    codes = readout(signal)._replace(gain=1.5, vignetting=0.4).codes()
+    x, y = np.meshgrid(np.linspace(-1, 1, 81), np.linspace(-1, 1, 31))
+    expected = 255 * (0.75 * (1 - 0.4 * (x**2 + y**2) / 2)) ** (1 / GAMMA)
+    assert np.abs(codes - expected[..., None]).max() <= 0.51

@@ -39,3 +39,10 @@ def test_dust_keeps_a_uniform_scene_within_its_scattered_light_and_lowers_contra
     texture = (level * np.random.default_rng(0).uniform(0.5, 1.5, (60, 80, 1))).astype(np.float32)
     local = [np.diff(image, axis=1).std() / image.mean() for image in (texture, through_dust(texture, 0.4, 1, 0))]
     assert local[1] < 0.9 * local[0]
+
+
+def test_scattered_light_has_the_mean_colour_of_the_scene():
+    colour = np.array([0.6, 0.4, 0.2], np.float32)
+    behind = through_dust(np.tile(colour, (60, 80, 1)), 0.4, 1, 0) / colour
+    np.testing.assert_allclose(behind[..., 0], behind[..., 2], rtol=1e-4)
+    assert np.ptp(behind) > 0.02

@@ -56,6 +56,30 @@ def test_the_map_lies_where_the_rock_does():
     assert row * CELL - HALF == pytest.approx(-2.01, abs=0.02)
 
 
+def test_slabs_and_ledges_hide_sky_where_they_lie_and_gather_nothing():
+    none, slab = one_rock(0.05, 0.05), one_rock(0.6, 0.5, 1.03, -2.01)
+    near = surroundings(none, HALF, (1.0, 0.0), slab)
+    np.testing.assert_array_equal(near[..., 0], surroundings(slab, HALF, (1.0, 0.0))[..., 0])
+    assert near[..., 0].any() and not near[..., 1:].any()
+
+
+@pytest.mark.parametrize("wind", [(0.6, 0.8), (-0.8, 0.6), (0.0, 1.0)])
+def test_a_tail_of_sand_is_long_and_narrow_along_the_wind(wind):
+    """Its moments, by its area, are those of the tail of a wind from the west, turned."""
+
+    def moments(direction: tuple[float, float]) -> np.ndarray:
+        """Return the means of the squares along and across the wind, and of their product [m2], and the area [m2]."""
+        sand = surroundings(one_rock(0.6, 0.3), HALF, direction)[..., 1].astype(float)
+        y, x = np.indices(sand.shape) * CELL - HALF
+        along, across = x * direction[0] + y * direction[1], y * direction[0] - x * direction[1]
+        squares = [(part * sand).sum() / sand.sum() for part in (along**2, across**2, along * across)]
+        return np.array([*squares, sand.sum() / CODE * CELL**2])
+
+    straight = moments((1.0, 0.0))
+    assert straight[0] > 5 * straight[1] and abs(straight[2]) < 1e-3
+    np.testing.assert_allclose(moments(wind), straight, rtol=0.1, atol=0.01)
+
+
 def test_between_cells_it_is_linear_and_outside_nothing():
     near = np.random.default_rng(0).integers(0, CODE + 1, (9, 9, 3), dtype=np.uint8)
     half = 4 * CELL

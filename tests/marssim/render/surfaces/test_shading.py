@@ -10,7 +10,8 @@ from marssim.base.pose import look_pose
 from marssim.inspection.tilted_planes import plane
 from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.renderers.scan_renderer import ScanRenderer
-from marssim.render.surfaces.shading import DUST_SCALE_HEIGHT, Shader
+from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR
+from marssim.render.surfaces.shading import DUSK, DUST_SCALE_HEIGHT, SKY_COLOUR, Shader
 from marssim.scene.look import LOOK_LIMITS, LookConfig, draw_look
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
@@ -338,3 +339,81 @@ def test_few_points_are_no_error(count):
     renderer = shader()
     assert renderer.sky(np.zeros((count, 3)) + np.array([0.0, 0.0, 1.0])).shape == (count, 3)
     assert level(renderer, around(count)).shape == (count, 3)
+
+
+BARE = {"albedo_contrast": 0.0, "texture_strength": 0.0, "rock_dust": 0.0, "soil_albedo": 1.0}
+
+
+def of_rock(renderer: Shader, normal: np.ndarray, eye: np.ndarray, lit: float) -> np.ndarray:
+    """Return the radiance (3,) of a bare side of a rock in the origin; eye: its direction."""
+    point = np.zeros((1, 3))
+    return shade(renderer, point, normal[None], np.ones(1, int), np.full(1, lit), eye=0.5 * eye)[0]
+
+
+def reflected(normal: np.ndarray, sun: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    """Return the sunlight (3,) that a rock reflects, over that which falls on it."""
+    renderer = shader(sun=sun, optical_depth=0.3, **BARE)
+    direct = of_rock(renderer, normal, eye, 1.0) - of_rock(renderer, normal, eye, 0.0)
+    return direct / renderer.light.sunlight / (normal @ sun)
+
+
+def test_sun_and_eye_may_change_places():
+    """Helmholtz's reciprocity."""
+    normal = towards(20, 30)
+    for first, second in ((towards(70, 40), towards(10, 0)), (towards(30, 90), towards(50, -20))):
+        assert (reflected(normal, first, second) > 0.05).all()
+        np.testing.assert_allclose(reflected(normal, first, second), reflected(normal, second, first), rtol=1e-3)
+
+
+def test_a_turn_of_all_about_the_vertical_changes_nothing():
+    def seen_at(azimuth: float, lit: float) -> np.ndarray:
+        renderer = shader(sun=towards(25, azimuth), optical_depth=0.6, **BARE)
+        return of_rock(renderer, towards(10, azimuth + 50), towards(15, azimuth + 100), lit)
+
+    for lit in (0.0, 1.0):
+        turned = [seen_at(azimuth, lit) for azimuth in (0, 70, 160, 250)]
+        np.testing.assert_allclose(turned, np.tile(turned[0], (4, 1)), rtol=1e-3)
+
+
+def test_a_wall_in_shadow_has_the_colour_of_the_ground_without_dust_and_of_the_sky_in_a_storm():
+    wall, eye = np.array([-1.0, 0.0, 0.0]), towards(0, 180)
+    shadows = {
+        name: of_rock(shader(sun=towards(elevation, 0), optical_depth=depth, **BARE), wall, eye, 0.0) / ROCK_COLOUR
+        for name, elevation, depth in (("high", 90, 1e-6), ("low", 30, 1e-6), ("storm", 90, 12.0))
+    }
+    for name, colour in (("high", GROUND_COLOUR), ("low", GROUND_COLOUR), ("storm", SKY_COLOUR)):
+        np.testing.assert_allclose(shadows[name] / shadows[name][0], np.divide(colour, colour[0]), rtol=0.02)
+    np.testing.assert_allclose(shadows["low"], 0.5 * shadows["high"], rtol=1e-3)  # of light on level ground
+
+
+def test_rocks_throw_light_on_the_ground_at_their_feet():
+    """Without dust in the air, a shadow on open ground is black."""
+    renderer = shader(sun=towards(40, 180), optical_depth=1e-6, **BARE)
+    rock = int(np.argmax(SCENE.rocks.height * (np.abs(SCENE.rocks.centre[:, :2]) < SCENE.half - 1.5).all(axis=1)))
+    x, y = SCENE.rocks.centre[rock, :2] - [SCENE.rocks.diameter[rock] / 2 + 0.05, 0]
+    near, far = level(renderer, np.array([[x, y, 0.0], [x - 1.0, y, 0.0]]), 0.0)[:, 0]
+    assert near > 0.01 and near > 2 * far
+    lower = level(shader(sun=towards(20, 180), optical_depth=1e-6, **BARE), np.array([[x, y, 0.0]]), 0.0)[0, 0]
+    assert lower / near == pytest.approx(np.sin(np.deg2rad(20)) / np.sin(np.deg2rad(40)), rel=0.01)
+
+
+def test_shadows_of_hills_and_of_stones_multiply():
+    renderer = shader(sun=towards(40, 40))
+    points = around(20)
+    dark, lit, both = (level(renderer, points, share, sunlight=of) for share, of in ((0, 1), (1, 1), (0.5, 0.4)))
+    np.testing.assert_allclose(both - dark, 0.2 * (lit - dark), atol=1e-6)
+
+
+def test_sunlight_fades_where_it_grazes_rocks_and_not_on_ground():
+    renderer = shader(LEVEL, sun=towards(30, 0), **{**PLAIN, "albedo_contrast": 0.0})
+    of_rocks = shader(sun=towards(30, 0), optical_depth=renderer.scene.look.optical_depth, **BARE)
+    ratio = []
+    for grazing_deg in (30, 2):
+        normal = towards(grazing_deg - 60, 0)  # the sun stands so high over this face
+        at = np.zeros((1, 3)), normal[None]
+        direct = [
+            np.subtract(*(shade(each, *at, np.array([surface]), np.full(1, lit), eye=normal) for lit in (1.0, 0.0)))
+            for each, surface in ((of_rocks, 1), (renderer, GROUND))
+        ]
+        ratio.append((direct[0] / direct[1])[0, 0])
+    assert ratio[1] / ratio[0] == pytest.approx(DUSK * np.sin(np.deg2rad(2)), rel=0.03)
