@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+import tracemalloc
 import warnings
 import weakref
 from dataclasses import replace
@@ -618,6 +619,29 @@ def test_resets_keep_no_memory(make_env):
     for _ in range(20):
         env.reset()
     assert resident_memory() - before < 20
+
+
+def test_looks_at_faulty_images_keep_no_memory(make_env):
+    """Images are small, and resident memory grows by pages: this counts the bytes that Python and NumPy hold."""
+    condition = FAULTS | {"optical_depth": 3.0}
+    eyes = EyesConfig(image_pixels=128, ground_truth_pixels=64)  # the condition halves the images
+    env = make_env(perception="sgbm", goal_distance=3.0, condition=condition, episodes_per_scene=99, eyes=eyes)
+    env.reset(seed=0)
+
+    def drive():
+        env.reset()  # in the kept scene
+        for _ in range(3):
+            env.step(LEFT)
+        env.reset()
+        return tracemalloc.get_traced_memory()[0]
+
+    drive()
+    tracemalloc.start()
+    try:
+        before, after = [drive() for _ in range(5)][2::2]  # what is new in Python settles first
+    finally:
+        tracemalloc.stop()
+    assert after - before < 10 * env.sight.left.nbytes / 2  # half an image a look
 
 
 @pytest.mark.parametrize("measured", [0.0, 0.5, 1.0])
