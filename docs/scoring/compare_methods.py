@@ -81,8 +81,8 @@ class Options:
     """Method whose errors the others are divided by, as the tables call it. Without it, the first of --runs, else the
     first of --scores, else the first of --records."""
     rendered_elsewhere: bool = False
-    """Also take records of the same pairs with other digests, as another processor renders them with other last bits:
-    if as many pixels lie in each interval of true depth. The page names them."""
+    """Also take records of the same pairs with other digests, as another processor or version renders them, if as many
+    pixels lie in each interval of true depth. The page names them."""
 
     def __post_init__(self) -> None:
         names = [run.name for run in self.runs]

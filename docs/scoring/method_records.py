@@ -217,7 +217,7 @@ def _names(sets: Mapping[str, Any]) -> str:
 def other_renderings(records: Sequence[Mapping[str, Any]], reference: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return the methods whose pairs have another digest than those of the reference, by "place of set".
 
-    A processor of another kind renders the same pairs with other last bits.
+    A processor of another kind, or another version, renders the same pairs with other last bits.
     """
     others: dict[str, list[str]] = {}
     for record in records:

@@ -105,7 +105,7 @@ def _rendered_elsewhere(others: Mapping[str, Sequence[str]], reference: str) -> 
     parts = [f"{place} ({', '.join(methods)})" for place, methods in others.items()]
     return (
         f"The pairs of these places have another digest than those that {reference} was scored on, with the same true "
-        f"depth by interval, as where another processor renders them: {'; '.join(parts)}."
+        f"depth by interval, as where another processor or version renders them: {'; '.join(parts)}."
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 
 import cv2
 import torch
@@ -30,6 +30,7 @@ from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
 from m3depth.training.samples import PackedCache, batches, check_labels, parts_of, without_normals
 from m3depth.training.validation import PANELS, Validator
+from marssim.base.command.run import is_out_of_memory
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.compute.free_memory import free_memory
 from marssim.base.results.claim import PARTIAL, ResultFolder
@@ -201,7 +202,8 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
             before = time.monotonic()
             batch = next(stream).to(device)
             waited += time.monotonic() - before
-            values = one_step(run, network, batch, learning_rate(config.lr, done, config.schedule), dtype)
+            with memory_errors_explained(config):
+                values = one_step(run, network, batch, learning_rate(config.lr, done, config.schedule), dtype)
             run.seconds = spent_before + time.monotonic() - began
             if log is None:
                 continue
@@ -216,6 +218,22 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 saved = time.monotonic()
             if due and not signals:  # it may take longer than what stops the run waits; a resumed run makes up for it
                 validator.validate()
+
+
+@contextmanager
+def memory_errors_explained(config: TrainConfig) -> Iterator[None]:
+    """Turn an error of PyTorch for lack of memory in a step into a MemoryError that says which flag reduces it."""
+    try:
+        yield
+    except RuntimeError as error:
+        if not is_out_of_memory(error):
+            raise
+        reason = str(error).partition("\n")[0]
+        more = next((n for n in range(config.accumulate + 1, config.batch + 1) if config.batch % n == 0), None)
+        advice = f"take the {config.batch} crops of a step in more parts, with --accumulate {more}"
+        if more is None:
+            advice = f"{'' if config.recompute else 'add --recompute, or '}take smaller crops with --crop"
+        raise MemoryError(f"{advice}; {reason}") from None
 
 
 def times_of(run: Run, used_before: float) -> dict[str, float]:

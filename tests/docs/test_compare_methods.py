@@ -8,6 +8,7 @@ import sys
 import textwrap
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ import pytest
 from small_network import SMALL
 from small_rivals import TINY
 
+from m3depth.evaluation.bootstrap import resampled_means
 from m3depth.evaluation.cost import Cost
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
 from m3depth.figures import drawing
@@ -423,7 +425,52 @@ def tables(page: str) -> list[list[str]]:
 def test_the_table_of_the_results_is_that_of_the_command():
     """The page of results is written by hand, but the rows of its table are not."""
     shown = {row for table in tables("methods.md") if table[0] != DIGESTS for row in table}
-    assert shown and shown <= {row for table in tables("methods/methods.md") for row in table}
+    summary, *others = tables("methods/methods.md")
+    assert shown and set(summary) <= shown <= {row for table in (summary, *others) for row in table}
+
+
+def flat(content: dict | list, name: str = "") -> dict[str, object]:
+    """The values of nested objects and lists by their places, and numbers by nine digits."""
+    values: dict[str, object] = {}
+    for key, value in content.items() if isinstance(content, dict) else enumerate(content):
+        place = f"{name}/{key}"
+        if isinstance(value, dict | list):
+            values |= flat(value, place)
+        else:
+            values[place] = f"{value:.9g}" if isinstance(value, float) else value
+    return values
+
+
+@pytest.mark.usefixtures("undrawn_figures")
+def test_all_tables_of_the_results_are_those_of_the_records_beside_them(
+    compare_methods, manifest_summary, monkeypatch, tmp_path
+):
+    """As of the last command of the page, but for what it measures, with few draws for the intervals."""
+    folder = WEIGHTS.parent
+    records, page = sorted(folder.glob("records/*.json")), read_json(folder / "methods.json")
+    named = {record["name"]: record for record in map(read_json, records)}
+    costs = {json.dumps(named[name]["run"]["network"]): run for name, run in page["runs"].items()}
+    keys = ("gets_truth", "on_m3depth", "parameters", "seconds", "memory_mib")
+    monkeypatch.setattr(compare_methods, "cost", lambda sizes: {key: costs[json.dumps(sizes)][key] for key in keys})
+    monkeypatch.setattr(compare_methods, "untrained_cost", page["untrained"].get)
+    monkeypatch.setattr(compare_methods, "versions", lambda: page["versions"])
+    with monkeypatch.context() as patch:
+        patch.setattr(manifest_summary, "resampled_means", partial(resampled_means, draws=2))
+        flags = ["--reference", "lite", "--rendered-elsewhere", "--out", str(tmp_path)]
+        assert compare_methods.main(["--records", *map(str, records), *flags]) == 0
+    ours, theirs = (
+        {place: value for place, value in flat(content).items() if "interval/" not in place}
+        for content in (page, read_json(tmp_path / "methods.json"))
+    )
+    assert theirs == ours
+    assert all((tmp_path / "records" / path.name).read_bytes() == path.read_bytes() for path in records)
+    assert sys.modules["methods_page"].markdown(page) == (folder / "methods.md").read_text(encoding="utf-8")
+
+    monkeypatch.setattr(compare_methods, "COLUMNS", {"abs_rel": ""})  # intervals of all figures take a quarter minute
+    for name, record in named.items():
+        (of_clean, reference) = (of["sets"]["clean"] for of in (record, named["lite"]))
+        (figure,) = compare_methods.metrics(of_clean, reference).values()
+        assert flat(figure) == flat(page["sets"]["clean"]["metrics"][name]["abs_rel"])
 
 
 def test_the_page_has_the_digests_of_the_weights_beside_it():

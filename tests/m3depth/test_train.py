@@ -491,6 +491,28 @@ def test_a_lost_process_of_torchrun_is_one_line(plane_set, tmp_path, monkeypatch
             main(flags)
 
 
+@pytest.mark.parametrize(
+    ("flags", "advice"),
+    [
+        ("--batch 12", "take the 12 crops of a step in more parts, with --accumulate 2"),
+        ("--batch 12 --accumulate 4", "take the 12 crops of a step in more parts, with --accumulate 6"),
+        ("--batch 2 --accumulate 2", "add --recompute, or take smaller crops with --crop"),
+        ("--batch 2 --accumulate 2 --recompute", "take smaller crops with --crop"),
+    ],
+)
+def test_a_step_that_does_not_fit_is_one_line_with_the_flag_that_helps(
+    plane_set, tmp_path, monkeypatch, capsys, flags, advice
+) -> None:
+    def too_large(*given: object) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20 GiB.\nSee the documentation")
+
+    monkeypatch.setattr("m3depth.training.loop.one_step", too_large)
+    run = ["--out", str(tmp_path / "run"), "--max-steps", "1", "--crop", "32", "64", "--device", "cpu"]
+    assert main(["--data", str(plane_set), *run, *flags.split()]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error == f"error: out of memory ({advice}; CUDA out of memory. Tried to allocate 20 GiB.)"
+
+
 def test_a_run_goes_on_where_its_folders_have_moved(plane_samples, tmp_path, monkeypatch) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     M3Depth(SMALL).save_pretrained(here / "one.safetensors")

@@ -123,7 +123,7 @@ def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) ->
     except FloatingPointError as error:
         return _fail(describe(error), 1)
     except RuntimeError as error:
-        if not _is_out_of_memory(error):
+        if not is_out_of_memory(error):
             raise
         return _fail(f"out of memory ({str(error).strip().splitlines()[0]})", 2)
     except (KeyboardInterrupt, SystemError) as error:
@@ -170,7 +170,7 @@ def _is_interruption(error: BaseException) -> bool:
     return cause is not None
 
 
-def _is_out_of_memory(error: RuntimeError) -> bool:
+def is_out_of_memory(error: RuntimeError) -> bool:
     """Return whether PyTorch raised the error for lack of memory of a GPU or of the processor.
 
     PyTorch raises no MemoryError. Its classes are known by name, since it is not imported here.
