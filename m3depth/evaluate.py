@@ -194,7 +194,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
         Degradation.parse(options.degrade)
     estimators = named_estimators(options)
     result_folder(options).check()
-    if (finding := depth_misfit(dataset)) is not None:
+    if finding := depth_misfit(dataset, [index for _, index in chosen_pairs(dataset, options.limit)]):
         print(f"warning: {finding}", file=sys.stderr)
     methods: dict[str, Method] = {
         label: loaded(name, flag_name, options) for label, (flag_name, name) in estimators.items()

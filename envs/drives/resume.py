@@ -69,7 +69,7 @@ def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:
     for name in sorted(digests.keys() & previous.keys()):
         if digests[name] != previous[name]:
             file = _read_from(name)
-            what = "code" if file is not None and file.suffix == ".py" else "weights"
+            what = "code or files" if file is not None and file.suffix == ".py" else "weights"
             raise DatasetError(
                 f"{folder.mark_path}: {name} has other {what} than when it drove these episodes; choose another --out"
             )

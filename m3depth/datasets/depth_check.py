@@ -2,16 +2,19 @@
 
 A wrong unit, a calibration of another size, exchanged eyes or distances along the ray give depth that a network learns
 without a complaint. Semi-global matching does not know the true depth, so where the two differ alike over the whole
-image, the difference tells what is wrong.
+image, the difference tells what is wrong. Maps of disparity show no wrong focal length or baseline: both depths have
+them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from m3depth.datasets.config import DataConfig
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.pairs import StereoPairs, in_grey, spread
 from marssim.base.camera import StereoRig
@@ -27,6 +30,7 @@ EXPLAINED = 0.6  # share of the matches that an explanation must explain, and
 BETTER = 0.2  # by how much this share must exceed that of the depth as it is; noise, blur and rows gain up to 0.15
 HARDLY_ANY = 0.3  # share of the matches below which depth without such an explanation is not that of the pair
 SWAP_SHARE = 0.3  # share of the pixels that match where the eyes are exchanged
+CENTRES = "the principal points (cx) of both cameras"
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,12 @@ class Matches:
         return float((np.abs(self.matched - expected) <= 0.5 + 0.02 * np.abs(expected)).mean())
 
 
-def depth_misfit(pairs: StereoPairs) -> str | None:
+def depth_misfit(pairs: StereoPairs, among: Sequence[int] | None = None) -> str | None:
     """Return how the true depth of pairs differs from what matches in their images, as a sentence for a warning.
 
     Args:
-        pairs: The pairs; a few, spread over them, are matched.
+        pairs: The pairs.
+        among: Indices of the pairs that may be read; None takes all. A few, spread over them, are matched.
 
     Returns:
         None where the depth fits, where too little matches to tell, and for datasets of marssim, which are checked when
@@ -86,37 +91,54 @@ def depth_misfit(pairs: StereoPairs) -> str | None:
     Raises:
         DatasetError: As reading a pair does.
     """
-    if isinstance(pairs, StereoDataset) or not len(pairs):
+    indices = range(len(pairs)) if among is None else among
+    if isinstance(pairs, StereoDataset) or not len(indices):
         return None
-    reduced = [_reduced(pairs[index]) for index in spread(len(pairs), CHECKED)]
+    reduced = [_reduced(pairs[indices[number]]) for number in spread(len(indices), CHECKED)]
+    matches = _matches(reduced)
+    enough = len(matches.matched) >= FEWEST
+    difference = _difference(matches, getattr(pairs, "config", None)) if enough else None
+    if enough and difference is None:
+        return None
+    reason = _exchanged(reduced) or difference
     where = f"{pairs.path}: " if hasattr(pairs, "path") else ""
-    found = _matches(reduced)
-    enough = len(found.matched) >= FEWEST
-    if enough and (reason := _difference(found)) is None:
-        return None
-    reason = _exchanged(reduced) or (reason if enough else None)
     return reason and f"{where}the true depth of {counted(len(reduced), 'pair')} does not fit the images: {reason}"
 
 
-def _difference(found: Matches) -> str | None:
+def _difference(matches: Matches, config: DataConfig | None) -> str | None:
     """Return the difference between the true depth and the matches by which most of them are explained.
+
+    Args:
+        matches: The matches.
+        config: How the pairs are read, which says what their maps hold; None if that is not known.
 
     Returns:
         None if the true depth explains them about as well as anything.
     """
-    factor = float(np.median(found.matched / found.true))
-    shift = float(np.median((found.matched - found.true) / found.scale))
+    factor = float(np.median(matches.matched / matches.true))
+    shift = float(np.median((matches.matched - matches.true) / matches.scale))
+    disparity_maps = config is not None and config.depth is None and config.format != "oaisys"
+    unit = "the unit of the maps" + (" (--unit)" if config is not None and (config.depth or config.disparity) else "")
     reasons = {
-        f"the disparities that match are {factor:.3g} times as large as those of the depth; check the unit of the maps "
-        "(--unit), and the focal length and baseline of the calibration": factor * found.true,
+        f"the disparities that match are {factor:.3g} times as large as those of the depth; check {unit}"
+        + ("" if disparity_maps else ", and the focal length and baseline of the calibration"): factor * matches.true,
         f"the disparities that match are {abs(shift):.1f} px {'larger' if shift > 0 else 'smaller'} than those of the "
-        "depth; check the principal points (cx) of both cameras": found.true + shift * found.scale,
-        "the maps hold the distance along the ray, not the depth along the optical axis; give --depth-along ray": (
-            found.slant * found.true
+        f"depth; check {'that the maps are of these images' if disparity_maps else CENTRES}": (
+            matches.true + shift * matches.scale
         ),
     }
-    shares = {reason: found.agreeing(expected) for reason, expected in reasons.items()}
-    best, as_it_is = max(shares, key=shares.__getitem__), found.agreeing(found.true)
+    if not disparity_maps:
+        if config is not None and config.depth_along == "ray":
+            reasons["the maps hold the depth along the optical axis; leave out --depth-along ray"] = (
+                matches.true / matches.slant
+            )
+        else:
+            flag = "; give --depth-along ray" if config is not None and config.depth else ""
+            reasons[f"the maps hold the distance along the ray, not the depth along the optical axis{flag}"] = (
+                matches.slant * matches.true
+            )
+    shares = {reason: matches.agreeing(expected) for reason, expected in reasons.items()}
+    best, as_it_is = max(shares, key=shares.__getitem__), matches.agreeing(matches.true)
     if shares[best] >= max(EXPLAINED, as_it_is + BETTER):
         return best
     if as_it_is < HARDLY_ANY:
@@ -136,10 +158,10 @@ def _matches(pairs: list[ReducedPair]) -> Matches:
     """Match pairs, and return their pixels of known depth that match."""
     columns = []
     for pair in pairs:
-        found = pair.matches()
-        seen = np.isfinite(found) & (pair.true > 0)
+        disparity = pair.matches()
+        usable = np.isfinite(disparity) & (pair.true > 0)
         slant = np.linalg.norm(pair.rig.camera.rays(), axis=-1)
-        columns.append((found[seen], pair.true[seen], slant[seen], np.full(int(seen.sum()), pair.scale)))
+        columns.append((disparity[usable], pair.true[usable], slant[usable], np.full(int(usable.sum()), pair.scale)))
     return Matches(*(np.concatenate(values) for values in zip(*columns, strict=True)))
 
 
@@ -148,7 +170,17 @@ def _reduced(sample: StereoSample) -> ReducedPair:
     camera = sample.rig.camera
     scale = min(1.0, WIDTH / camera.width)
     size = round(camera.width * scale), max(1, round(camera.height * scale))
-    left, right = (cv2.resize(in_grey(eye), size, interpolation=cv2.INTER_AREA) for eye in (sample.left, sample.right))
-    true = np.where(sample.occluded, np.float32(0), sample.disparity)
-    true = cv2.resize(true, size, interpolation=cv2.INTER_NEAREST) * np.float32(scale)
-    return ReducedPair(left, right, sample.rig.resized(*size), true, scale)
+    left, right = (
+        cv2.resize(in_grey(eye[..., 0] if eye.shape[2:] == (1,) else eye), size, interpolation=cv2.INTER_AREA)
+        for eye in (sample.left, sample.right)
+    )
+    # beyond the left border of the right image, where the reader calls pixels hidden, a disparity may be far too large
+    inside = np.arange(camera.width) - sample.disparity >= -0.5
+    known = np.isfinite(sample.disparity) & ~(sample.occluded & inside)
+    disparity = np.where(known, sample.disparity, 0).astype(np.float32)
+    block = np.ones((max(1, round(1 / scale)),) * 2)
+    true, near = (
+        cv2.resize(values, size, interpolation=cv2.INTER_NEAREST) * np.float32(scale)
+        for values in (disparity, cv2.dilate(disparity, block))
+    )
+    return ReducedPair(left, right, sample.rig.resized(*size), np.where(true > 0, true, near), scale)

@@ -201,11 +201,16 @@ def test_a_digest_counts_the_files_that_a_class_names(tmp_path, monkeypatch):
         "from pathlib import Path\nclass One:\n    files = 'net.ckpt'\n"
         "class Two:\n    files = [Path('net.ckpt'), 'other.bin']\n"
         "class None_:\n    files = ()\nclass Bad:\n    files = 3\n"
+        "class Other:\n    def files(self): ...\nclass Folder:\n    files = 'ckpt'\n"
     )
     digests = [EstimatorName(f"stereo_with_files:{name}").digest() for name in ("One", "Two", "None_")]
     lines = [hashlib.sha256(file.read_bytes()).hexdigest() for file in (module, net, other)]
     assert digests[1] == hashlib.sha256("\n".join(lines).encode()).hexdigest()
     assert digests[0] != digests[1] and digests[2] == lines[0]
+    assert EstimatorName("stereo_with_files:Other").digest() == lines[0]
+    (tmp_path / "ckpt/part").mkdir(parents=True)
+    (tmp_path / "ckpt/part/a.bin").write_bytes(b"1")
+    assert EstimatorName("stereo_with_files:Folder").digest() == digests[0]
     net.write_bytes(b"3")
     assert EstimatorName("stereo_with_files:One").digest() != digests[0]
     with pytest.raises(ValueError, match="stereo_with_files:Bad: its attribute files must be a path or a list of"):

@@ -122,7 +122,7 @@ def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, 
     assert evaluate(config)["weights"] == {"own_driver:Own": sha256(code.read_bytes())}
     evaluate(config)
     code.write_text("from envs.drivers.builtin import RandomDriver as Own\n")
-    with pytest.raises(DatasetError, match="own_driver:Own has other code than"):
+    with pytest.raises(DatasetError, match="own_driver:Own has other code or files than"):
         evaluate(config)
 
 

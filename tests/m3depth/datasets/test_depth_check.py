@@ -4,16 +4,19 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plane_pairs import plane_sample
 
+from m3depth.datasets.config import DataConfig
 from m3depth.datasets.depth_check import depth_misfit
 from m3depth.datasets.open import open_pairs
 from m3depth.stereo.degradation import Degradation
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.files.json_file import DatasetError
 
 SAMPLES = [plane_sample(seed, 192, 256, 220.0) for seed in range(3)]
 
@@ -54,7 +57,7 @@ def test_a_wrong_unit_or_baseline_is_found_with_its_factor(power):
     message = misfit(lambda sample: with_depth(sample, sample.depth * np.float32(10**power)))
     factor = re.search(r"disparities that match are (\S+) times as large", message)
     assert float(factor[1]) == pytest.approx(10**power, rel=0.03)
-    assert "3 pairs" in message and "--unit" in message and "baseline" in message
+    assert "3 pairs" in message and "unit of the maps" in message and "baseline" in message
 
 
 @pytest.mark.parametrize("shift", [-12, 6])
@@ -74,7 +77,7 @@ def test_a_shift_is_in_pixels_of_the_images():
 
 def test_distances_along_the_ray_are_found():
     message = misfit(lambda sample: with_depth(sample, with_slant(sample)))
-    assert "--depth-along ray" in message
+    assert message.endswith("the maps hold the distance along the ray, not the depth along the optical axis")
 
 
 def test_exchanged_eyes_are_found():
@@ -103,6 +106,85 @@ def test_what_the_right_eye_does_not_see_does_not_count():
 
     assert misfit(hidden) is None
     assert misfit(lambda sample: replace(hidden(sample), occluded=np.zeros_like(sample.occluded))) is not None
+
+
+@pytest.mark.parametrize("step", [2, 4])
+def test_sparse_truth_is_checked_wherever_its_pixels_lie(step):
+    """As where a lidar knows a pixel of each block of four, which a reduction by two or four may all miss."""
+    large = [plane_sample(seed, 192 * step, 256 * step, 220.0 * step) for seed in range(2)]
+
+    def sparse(sample: StereoSample, factor: float) -> StereoSample:
+        depth = np.full_like(sample.depth, np.nan)
+        depth[1::step, 1::step] = factor * sample.depth[1::step, 1::step]
+        return with_depth(sample, depth)
+
+    assert depth_misfit([sparse(sample, 1.0) for sample in large]) is None
+    found = re.search(r"match are (\S+) times as large", depth_misfit([sparse(sample, 2.0) for sample in large]))
+    assert float(found[1]) == pytest.approx(2, rel=0.03)
+
+
+def test_disparities_that_are_not_finite_are_unknown():
+    def gaps(sample: StereoSample) -> StereoSample:
+        disparity = 2 * sample.disparity
+        disparity[::2], disparity[1::4] = np.inf, np.nan
+        return replace(sample, disparity=disparity)
+
+    assert "match are 0.4" in misfit(gaps) or "match are 0.5" in misfit(gaps)
+
+
+def test_grey_images_may_have_a_channel():
+    assert misfit(lambda s: replace(s, left=s.left[..., :1], right=s.right[..., :1])) is None
+
+
+@pytest.fixture
+def files(tmp_path):
+    """The samples as files: depth in metres, disparity in pixels."""
+    for seed, sample in enumerate(SAMPLES):
+        cv2.imwrite(str(tmp_path / f"l{seed}.png"), sample.left)
+        cv2.imwrite(str(tmp_path / f"r{seed}.png"), sample.right)
+        np.save(tmp_path / f"z{seed}.npy", sample.depth)
+        np.save(tmp_path / f"d{seed}.npy", sample.disparity)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("maps", "flags", "factor"),
+    [
+        ("depth", {}, None), ("depth", {"unit": 100.0}, 0.01), ("depth", {"unit": 1000.0}, 0.001),
+        ("depth", {"unit": 0.01}, 100), ("disparity", {}, None), ("disparity", {"unit": 1 / 256}, 1 / 256),
+        ("disparity", {"unit": 16.0}, 16), ("disparity", {"baseline": 2.7}, None),
+    ],
+)  # fmt: skip
+def test_units_of_files_are_checked(files, maps, flags, factor):
+    pattern = {"depth": "z*.npy", "disparity": "d*.npy"}[maps]
+    rig = {"focal": 220.0, "baseline": 0.27}
+    config = DataConfig(left="l*.png", right="r*.png", **{maps: pattern}, **{**rig, **flags})
+    message = depth_misfit(open_pairs(files, "all", config))
+    if factor is None:
+        assert message is None
+        return
+    assert message.startswith(f"{files}: the true depth of 3 pairs does not fit") and "(--unit)" in message
+    assert float(re.search(r"match are (\S+) times", message)[1]) == pytest.approx(factor, rel=0.03)
+    assert ("baseline" in message) == (maps == "depth")
+
+
+def test_flags_for_distances_are_named_where_they_are_taken(files):
+    shared = {"left": "l*.png", "right": "r*.png", "depth": "z*.npy", "focal": 220.0, "baseline": 0.27}
+    wrong = open_pairs(files, "all", DataConfig(**shared, depth_along="ray"))
+    assert depth_misfit(wrong).endswith("along the optical axis; leave out --depth-along ray")
+    for seed, sample in enumerate(SAMPLES):
+        np.save(files / f"z{seed}.npy", with_slant(sample))
+    assert depth_misfit(open_pairs(files, "all", DataConfig(**shared))).endswith("; give --depth-along ray")
+    assert depth_misfit(open_pairs(files, "all", DataConfig(**shared, depth_along="ray"))) is None
+
+
+def test_only_the_pairs_that_are_named_are_read(files):
+    (files / "l1.png").write_bytes(b"cut")
+    config = DataConfig(left="l*.png", right="r*.png", depth="z*.npy", focal=220.0, baseline=0.27, unit=2.0)
+    pairs = open_pairs(files, "all", config)
+    assert "the true depth of 2 pairs" in depth_misfit(pairs, [0, 2])
+    with pytest.raises(DatasetError, match=r"l1\.png"):
+        depth_misfit(pairs)
 
 
 def test_datasets_of_marssim_are_not_matched_again(plane_set, monkeypatch):
