@@ -177,3 +177,21 @@ def test_the_drives_on_test_are_those_of_their_files() -> None:
         if condition != "all":
             numbers = sorted(drive["course"] for drive in drives[condition, "ground_truth"])
             assert courses == ("all 20" if numbers == [*range(20)] else ", ".join(map(str, numbers)))
+
+
+def test_what_the_page_counts_on_test_is_in_the_files() -> None:
+    files = sorted((ROOT / "marsnav-v1").glob("test-*-of-140.json"))
+    drives = [drive for file in files for drive in json.loads(file.read_text())["episodes"]]
+    text = " ".join((ROOT / "marsnav-v1.md").read_text().split())
+    hours = sum(drive["steps"] * drive["step_seconds"] for drive in drives) / 3600
+    assert f"took {hours:.0f} hours of a core" in text and f"over all {len(drives) // 4} drives" in text
+    failed = [drive for drive in drives if not drive["success"]]
+    gave_up = [drive["perception"] for drive in failed if drive["outcome"] == "no_path"]
+    assert (
+        f"Of the {len(failed)} drives that failed, {len(gave_up)} ended because the navigator found no path and gave "
+        f"up: {gave_up.count('sgbm')} by SGBM, {gave_up.count('sad-sgm')} by semi-global SAD"
+    ) in text
+    hits = [drive["perception"] for drive in failed if drive["outcome"] == "collision"]
+    counts = tuple(hits.count(method) for method in ("m3depth", "sgbm", "ground_truth"))
+    readme = (ROOT.parents[1] / "README.md").read_text()
+    assert "Collisions: M3Depth {}, SGBM {}, true depth {}.".format(*counts) in readme

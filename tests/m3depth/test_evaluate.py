@@ -347,6 +347,7 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     monkeypatch.syspath_prepend(tmp_path)
     module, weights, maps = tmp_path / "my_class_of_today.py", tmp_path / "w.safetensors", tmp_path / "maps"
     module.write_text("class Mine:\n    pass\n")
+    monkeypatch.delitem(sys.modules, module.stem, raising=False)  # that of another case
     weights.write_bytes(b"weights")
     maps.mkdir()
     pairs = StereoDataset(folder, "test")
