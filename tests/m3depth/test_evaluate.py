@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
