@@ -16,6 +16,7 @@ import numpy as np
 
 from m3depth.datasets.config import DataConfig
 from m3depth.stereo.classical import SGBM
+from m3depth.stereo.eye_order import exchanged
 from m3depth.stereo.pairs import StereoPairs, in_grey, spread
 from marssim.base.camera import StereoRig
 from marssim.base.command.wording import counted
@@ -29,7 +30,6 @@ FEWEST = 500  # matched pixels of known depth below which nothing is said
 EXPLAINED = 0.6  # share of the matches that an explanation must explain, and
 BETTER = 0.2  # by how much this share must exceed that of the depth as it is; noise, blur and rows gain up to 0.15
 HARDLY_ANY = 0.3  # share of the matches below which depth without such an explanation is not that of the pair
-SWAP_SHARE = 0.3  # share of the pixels that match where the eyes are exchanged
 CENTRES = "the principal points (cx) of both cameras"
 
 
@@ -97,7 +97,8 @@ def depth_misfit(pairs: StereoPairs, among: Sequence[int] | None = None) -> str 
     reduced = [_reduced(pairs[indices[number]]) for number in spread(len(indices), CHECKED)]
     matches = _matches(reduced)
     enough = len(matches.matched) >= FEWEST
-    difference = _difference(matches, getattr(pairs, "config", None)) if enough else None
+    config = getattr(pairs, "config", None)
+    difference = _difference(matches, config if isinstance(config, DataConfig) else None) if enough else None
     if enough and difference is None:
         return None
     reason = _exchanged(reduced) or difference
@@ -148,10 +149,11 @@ def _difference(matches: Matches, config: DataConfig | None) -> str | None:
 
 def _exchanged(pairs: list[ReducedPair]) -> str | None:
     """Return that the eyes are exchanged, if far more pixels match that way round."""
-    given, swapped = (np.mean([np.isfinite(pair.matches(order)).mean() for pair in pairs]) for order in (False, True))
-    if swapped > SWAP_SHARE and swapped > 2 * given:
-        return "the eyes match the wrong way round; exchange the left and the right images"
-    return None
+    given, swapped = (
+        float(np.mean([np.isfinite(pair.matches(order)).mean() for pair in pairs])) for order in (False, True)
+    )
+    message = "the eyes match the wrong way round; exchange the left and the right images"
+    return message if exchanged((given, swapped)) else None
 
 
 def _matches(pairs: list[ReducedPair]) -> Matches:

@@ -7,11 +7,11 @@ import numpy as np
 
 from m3depth.rectification.row_errors import WRONG_ROWS, row_limit
 from m3depth.stereo.classical import SGBM, grey_pair
+from m3depth.stereo.eye_order import exchanged
 from m3depth.stereo.rows import RowFit, row_misalignment
 from marssim.base.camera import StereoRig
 
 QUICK_WIDTH = 256  # [px] width to which matched_shares reduces images
-SWAP_SHARE = 0.3  # share of the pixels that must match with exchanged eyes
 LITTLE, HARDLY_ANY = 0.15, 0.05  # shares of matching pixels under which a pair is doubtful, and meaningless
 SMALLEST = 100  # [px] width under which too few matches are not held against a pair
 DOUBTFUL_ROWS = 0.75  # [px] distance of rows that gives a warning; see row_limit
@@ -38,16 +38,6 @@ def matched_shares(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple
     a, b = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right))
     given, swapped = (float(np.isfinite(SGBM().match(*eyes, small)).mean()) for eyes in ((a, b), (b, a)))
     return given, swapped
-
-
-def exchanged(shares: tuple[float, float]) -> bool:
-    """Return whether matched_shares show exchanged eyes: 30 % of the pixels match that way, and twice as many.
-
-    Of clean and degraded simulated pairs at least 0.49 match in the right order and at most 0.17 in the wrong one; of a
-    raw pair of Curiosity's Navcams 0.85 and 0.36. Where most of a view is nearer than SGBM searches, as of the rover's
-    own deck, 0.2 and 0.1 do, and exchanged eyes are not found.
-    """
-    return shares[1] > SWAP_SHARE and shares[1] > 2 * shares[0]
 
 
 def rows_of(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> RowFit | None:

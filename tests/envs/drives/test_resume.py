@@ -111,6 +111,18 @@ def test_digests_that_are_none_are_named(file, tmp_path):
         digests_noted_in(file, ("straight",))
 
 
+def test_a_class_whose_checkpoint_has_changed_does_not_continue(file, tmp_path, monkeypatch):
+    checkpoint = tmp_path / "net.ckpt"
+    checkpoint.write_bytes(b"1")
+    (tmp_path / "net_of_mine.py").write_text(f"class Net:\n    files = {str(checkpoint)!r}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    noted = digests_noted_in(file, ("net_of_mine:Net",))
+    assert digests_noted_in(file, ("net_of_mine:Net",)) == noted
+    checkpoint.write_bytes(b"2")
+    with pytest.raises(DatasetError, match="net_of_mine:Net has other code or files than when it drove these"):
+        digests_noted_in(file, ("net_of_mine:Net",))
+
+
 def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, monkeypatch):
     code = tmp_path / "own_driver.py"
     code.write_text("from envs.drivers.builtin import StraightDriver as Own\n")

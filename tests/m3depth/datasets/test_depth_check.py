@@ -136,6 +136,16 @@ def test_grey_images_may_have_a_channel():
     assert misfit(lambda s: replace(s, left=s.left[..., :1], right=s.right[..., :1])) is None
 
 
+def test_pairs_of_a_users_class_may_have_a_config_of_their_own():
+    class Pairs(list):
+        config = None
+        path = "mine"
+
+    Pairs.config = {"anything": 1}
+    doubled = Pairs(with_depth(sample, 2 * sample.depth) for sample in SAMPLES)
+    assert depth_misfit(doubled).startswith("mine: the true depth of 3 pairs") and "--unit" not in depth_misfit(doubled)
+
+
 @pytest.fixture
 def files(tmp_path):
     """The samples as files: depth in metres, disparity in pixels."""

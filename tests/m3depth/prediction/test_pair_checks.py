@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from m3depth.prediction.pair_checks import check_pair, exchanged, matched_shares, rows_of
+from m3depth.prediction.pair_checks import check_pair, matched_shares, rows_of
+from m3depth.stereo.eye_order import exchanged
 from marssim.base.camera import PinholeCamera, StereoRig
 
 H, W = 240, 320
