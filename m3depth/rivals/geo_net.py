@@ -100,18 +100,19 @@ def ensemble(inputs: int, width: int, outputs: int) -> nn.Sequential:
     return layers
 
 
-def windows(maps: Tensor, side: int) -> Iterator[tuple[int, int, Tensor]]:
+def windows(maps: Tensor, side: int, apart: int = APART) -> Iterator[tuple[int, int, Tensor]]:
     """Yield the offsets of a window across and down [px], each with maps (B, C, H, W) from there; 0 outside the image.
 
     Args:
         maps: The maps.
-        side: Pixels along the side of the window, which are APART.
+        side: Pixels along the side of the window.
+        apart: Distance between them [px].
     """
     height, width = maps.shape[-2:]
-    reach = side // 2 * APART
+    reach = side // 2 * apart
     padded = F.pad(maps, (reach,) * 4)
-    for down in range(-reach, reach + 1, APART):
-        for across in range(-reach, reach + 1, APART):
+    for down in range(-reach, reach + 1, apart):
+        for across in range(-reach, reach + 1, apart):
             top, left = reach + down, reach + across
             yield across, down, padded[..., top : top + height, left : left + width]
 

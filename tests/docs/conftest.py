@@ -46,6 +46,12 @@ def compare_methods(manifest_summary):
 
 
 @pytest.fixture(scope="session")
+def plane_corrected():
+    """docs/scoring/plane_corrected.py."""
+    return _script("plane_corrected", SCORING)
+
+
+@pytest.fixture(scope="session")
 def receptive_field():
     """docs/receptive_field.py."""
     return _script("receptive_field")
