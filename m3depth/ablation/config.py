@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from m3depth.ablation.studies import STUDIES, Study, without_repeats
+from m3depth.ablation.studies import STUDIES, Study, Variant, distinct, without_repeats
 from m3depth.datasets.config import DataConfig
+from m3depth.training.config import Recipe
 
 
 def budget_text(steps: int | None, minutes: float | None) -> str:
@@ -54,6 +55,10 @@ class AblateOptions:
     """Network that the studies change: lite, which ships; paper, the paper's full size; or paper-thin, the paper's
     parts at the widths of lite. Rows without a part that the preset lacks are left out.
     """
+    recipe: Recipe = "own"
+    """How all runs are trained: own is as m3depth.train does by itself; paper sets what its --recipe paper sets, but
+    for --batch and --crop.
+    """
     seeds: tuple[int, ...] = (0,)
     """Seeds that every run is repeated with. Tables show means over them. To add seeds later in the same
     --out, name them all."""
@@ -91,4 +96,9 @@ class AblateOptions:
 
     def chosen(self) -> dict[str, Study]:
         """Return the chosen studies, in the order of the paper."""
-        return {name: without_repeats(study, self.preset) for name, study in STUDIES.items() if name in self.studies}
+        chosen = {name: study for name, study in STUDIES.items() if name in self.studies}
+        return {name: without_repeats(study, self.preset, self.recipe) for name, study in chosen.items()}
+
+    def trained_variants(self) -> dict[str, Variant]:
+        """Return the run that gives the figures of each variant of the chosen studies, by the variant's name."""
+        return distinct(self.chosen().values(), self.preset, self.recipe)

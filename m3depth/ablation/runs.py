@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from m3depth.ablation.config import AblateOptions
 from m3depth.ablation.figure import study_figure
 from m3depth.ablation.findings import METHOD, findings
 from m3depth.ablation.maps import maps_figure, predicted
-from m3depth.ablation.studies import BASE, Variant, distinct
+from m3depth.ablation.studies import BASE, Variant
 from m3depth.ablation.tables import markdown
 from m3depth.datasets.config import flag
 from m3depth.datasets.open import open_folders, open_pairs, reader_config_for
@@ -24,7 +24,7 @@ from m3depth.network.model import M3Depth
 from m3depth.network.output import padded_size
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import scored_depths
-from m3depth.training.config import TrainConfig, check_config
+from m3depth.training.config import RECIPES, TrainConfig, check_config
 from m3depth.training.ending import spent_budget
 from m3depth.training.loop import train
 from m3depth.training.run import saved_progress
@@ -71,17 +71,18 @@ def plan(options: AblateOptions) -> list[PlannedRun]:
     Raises:
         ValueError: A setting cannot work; the message names it.
     """
-    by_name = {v.name: v for v in distinct(options.chosen().values(), options.preset).values()}
+    by_name = {v.name: v for v in options.trained_variants().values()}
     variants = sorted(by_name.values(), key=lambda variant: variant != BASE)
     runs = []
     for seed in dict.fromkeys(options.seeds):
         for variant in variants:
             folder = _run_folder(options, variant, seed)
-            config = TrainConfig(
+            config = replace(
+                RECIPES[options.recipe],
                 data=options.data,
                 out=folder,
                 network=folder / NETWORK,
-                loss=variant.resolved(options.preset)[1],
+                loss=variant.resolved(options.preset, options.recipe)[1],
                 max_steps=options.steps,
                 max_minutes=options.minutes,
                 batch=options.batch,
@@ -105,7 +106,7 @@ def padded_crops(options: AblateOptions) -> list[str]:
     """
     height, width = options.crop
     padded: dict[tuple[int, int], list[str]] = {}
-    for variant in distinct(options.chosen().values(), options.preset).values():
+    for variant in options.trained_variants().values():
         size = padded_size(height, width, variant.resolved(options.preset)[0].size_multiple)
         if size != (height, width):
             padded.setdefault(size, []).append(variant.name)
@@ -180,9 +181,8 @@ def _lost(options: AblateOptions) -> str:
 
 def _draw_maps(options: AblateOptions, test: Any) -> None:
     """Draw the maps of each study's rows that are scored and have their weights, with networks of the first seed."""
-    chosen = options.chosen()
-    runs = distinct(chosen.values(), options.preset)
-    for name, study in chosen.items():
+    runs = options.trained_variants()
+    for name, study in options.chosen().items():
         folders = {row.label: _run_folder(options, runs[row.variant.name], options.seeds[0]) for row in study.rows}
         files = {label: path / WEIGHTS for label, path in folders.items()}
         scored = (label for label, path in folders.items() if (path / SCORE).is_file())
@@ -206,6 +206,7 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
         "crop": list(options.crop),
         "sha256": [state_of_pairs(pairs) for pairs in datasets],
         "limit": options.limit,
+        **({"recipe": options.recipe} if options.recipe != "own" else {}),  # which earlier ablations do not name
         **{flag(name): str(value) for name, value in options.reader.changed_fields().items()},
     }
     return ResultFolder(
@@ -310,9 +311,8 @@ def _tables(options: AblateOptions, runs: Sequence[PlannedRun], test: Any) -> di
     for run in runs:
         if (run.folder / SCORE).is_file():
             scores[run.variant.name][run.seed] = read_json(run.folder / SCORE)
-    chosen = options.chosen()
-    by_variant = {name: scores[run.name] for name, run in distinct(chosen.values(), options.preset).items()}
-    studies = {name: findings(study, by_variant) for name, study in chosen.items()}
+    by_variant = {name: scores[run.name] for name, run in options.trained_variants().items()}
+    studies = {name: findings(study, by_variant) for name, study in options.chosen().items()}
     about = {
         **read_json(options.out / SETTINGS),
         "seeds": list(dict.fromkeys(options.seeds)),

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 from m3depth.network.config import PLAIN_UPSAMPLING, PRESETS, M3DepthConfig
+from m3depth.training.config import RECIPES, Recipe
 from m3depth.training.loss_config import LossConfig
 
 # Columns of the paper's tables, by the names of our figures.
@@ -35,9 +36,9 @@ class Variant:
     network: Mapping[str, Any] = field(default_factory=dict)
     loss: Mapping[str, Any] = field(default_factory=dict)
 
-    def resolved(self, preset: str) -> tuple[M3DepthConfig, LossConfig]:
-        """Return the network and the loss that are trained."""
-        return replace(PRESETS[preset], **self.network), LossConfig(**self.loss)
+    def resolved(self, preset: str, recipe: Recipe = "own") -> tuple[M3DepthConfig, LossConfig]:
+        """Return the network and the loss that are trained with a preset and a recipe of m3depth.train."""
+        return replace(PRESETS[preset], **self.network), replace(RECIPES[recipe].loss, **self.loss)
 
 
 @dataclass(frozen=True)
@@ -259,16 +260,17 @@ STUDIES: dict[str, Study] = {
 }  # fmt: skip
 
 
-def without_repeats(study: Study, preset: str) -> Study:
-    """Return a study without the rows whose network and loss are those of an earlier row, with a preset.
+def without_repeats(study: Study, preset: str, recipe: Recipe = "own") -> Study:
+    """Return a study without the rows whose network and loss are those of an earlier row.
 
     Comparisons with such a row are made with the earlier one; those of a row with itself are left out.
 
     Args:
         study: The study.
         preset: "lite", "paper" or "paper-thin".
+        recipe: That of the trainings.
     """
-    resolved = [row.variant.resolved(preset) for row in study.rows]
+    resolved = [row.variant.resolved(preset, recipe) for row in study.rows]
     kept = list(dict.fromkeys(resolved))
     place = [kept.index(networks) for networks in resolved]
     return replace(
@@ -283,7 +285,7 @@ def without_repeats(study: Study, preset: str) -> Study:
     )
 
 
-def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
+def distinct(studies: Iterable[Study], preset: str, recipe: Recipe = "own") -> dict[str, Variant]:
     """Return the run that gives the figures of each variant, by the variant's name.
 
     That is its own run, or an earlier one of the same network and loss. The unchanged preset comes first.
@@ -291,7 +293,8 @@ def distinct(studies: Iterable[Study], preset: str) -> dict[str, Variant]:
     Args:
         studies: The studies, whose rows name the variants.
         preset: "lite", "paper" or "paper-thin".
+        recipe: That of the trainings.
     """
-    first = {BASE.resolved(preset): BASE}
+    first = {BASE.resolved(preset, recipe): BASE}
     rows = (row for study in studies for row in study.rows)
-    return {row.variant.name: first.setdefault(row.variant.resolved(preset), row.variant) for row in rows}
+    return {row.variant.name: first.setdefault(row.variant.resolved(preset, recipe), row.variant) for row in rows}

@@ -28,6 +28,7 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
     budget = budget_text(about["steps"], about["minutes"])
     pairs = "" if about["limit"] is None else f" (at most {about['limit']} pairs)"
     data = ", ".join(f"`{folder}`" for folder in about["data"])
+    recipe = f", recipe `{about['recipe']}`" if "recipe" in about else ""
     seeds = ", ".join(map(str, about["seeds"]))
     verdicts = [str(part["verdict"]) for study in studies.values() for part in study["comparisons"]]
     provisional = any(verdict.endswith(PROVISIONAL) for verdict in verdicts)
@@ -35,7 +36,7 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
     lines = [
         "# Ablation",
         "",
-        f"Preset `{about['preset']}`. Every run: {budget} on split train of {data}, {about['batch']} crops of "
+        f"Preset `{about['preset']}`{recipe}. Every run: {budget} on split train of {data}, {about['batch']} crops of "
         f"{about['crop'][0]} x {about['crop'][1]} px a step, the same crops in the same order, seed {seeds}; scored on "
         f"split test of `{about['test']}`{pairs}. Figures here are means over images, over every pixel of "
         f"{depth_range_text(about['depth_range_m'])}. The paper's are of other data and of training without a budget: "

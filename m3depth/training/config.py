@@ -24,6 +24,7 @@ LIMITS: dict[str, tuple[float, float]] = {  # least and largest values, beyond w
 MAY_BE_ZERO = ("weight_decay", "validate_every", "validate_samples")
 LARGEST_CROP = 1 << 14  # [px]
 COARSEST = 8  # side of a cell of the coarsest grid on which the loss is computed [px]
+Recipe = Literal["own", "paper"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class TrainConfig:
     """JSON file with the sizes of the network, such as weights.json beside any weights.
     It replaces --preset.
     """
-    recipe: Literal["own", "paper"] = "own"
+    recipe: Recipe = "own"
     """Defaults of the other flags: own are those that this help shows; paper sets --lr 1e-4, --schedule constant,
     --batch 12, --crop 512 512, --initial normal and --loss.depth, and no augmentation, weight decay, clipping,
     averaging or weights of pixels. Any other flag still overrides its default.
@@ -134,6 +135,7 @@ PAPER = TrainConfig(
     initial="normal", weight_decay=0.0, clip=1e6, ema=0.0, loss=PAPER_LOSS, augment=NO_CHANGES,
 )  # fmt: skip
 """The defaults of --recipe paper (Sec. V-B). The paper names neither crops nor clipping nor averaged weights."""
+RECIPES: dict[Recipe, TrainConfig] = {"own": TrainConfig(data=tyro.MISSING, out=tyro.MISSING), "paper": PAPER}
 
 
 def recipe_defaults(args: Sequence[str]) -> TrainConfig | None:

@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 import signal
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +19,7 @@ from m3depth.ablation.runs import SETTINGS, padded_crops, plan
 from m3depth.network import config as network_config
 from m3depth.network.model import M3Depth
 from m3depth.training import loop as training
+from m3depth.training.config import PAPER
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -95,6 +96,30 @@ def test_runs_are_shared_between_studies(tmp_path) -> None:
     assert len(equal) == 1
     assert {run.config.seed for run in runs[:9]} == {0} and {run.config.seed for run in runs[9:]} == {1}
     assert len({run.config.loss for run in runs}) == 6
+
+
+def test_all_runs_are_trained_by_the_recipe(tmp_path) -> None:
+    """Beside its network and what its study changes in the loss, each has PAPER's settings but for the flags."""
+    options = AblateOptions((tmp_path,), tmp_path, steps=1, preset="paper-thin", recipe="paper", batch=6)
+    runs = {run.variant.name: run.config for run in plan(options)}
+    own = {"data", "out", "network", "max_steps", "batch", "crop", "validate_every", "validate_samples"}
+    for name, config in runs.items():
+        changed = {f.name for f in fields(config) if getattr(config, f.name) != getattr(PAPER, f.name)}
+        assert changed == own | ({"loss"} if name.startswith("loss-") else set()) and config.batch == 6
+    assert runs["loss-1-2-3"].loss == replace(PAPER.loss, disparity=1, normal=2, consistency=3)
+    others = {run.variant.name: run.config for run in plan(replace(options, recipe="own"))}
+    assert others.keys() == runs.keys() and not any(config.loss.depth for config in others.values())
+
+
+def test_an_ablation_by_the_papers_recipe_says_so_and_is_not_continued_by_another(plane_set, tmp_path, capsys) -> None:
+    out = tmp_path / "letter"
+    arguments = flags(plane_set, out, "--steps", "1", "--studies", "consistency", "--recipe")
+    assert main([*arguments, "paper"]) == 0
+    assert "Preset `lite`, recipe `paper`. Every run: 1 steps" in capsys.readouterr().out
+    score = json.loads((out / "runs/base-0/score.json").read_text())
+    assert score["loss"]["depth"] is True and score["loss"]["rock"] == 1
+    assert main([*arguments, "own"]) == 2
+    assert "recipe" in capsys.readouterr().err
 
 
 def test_finished_runs_are_kept_and_seeds_can_be_added(plane_set, ablated, tmp_path, trained, capsys) -> None:
