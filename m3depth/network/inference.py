@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -16,7 +17,7 @@ from m3depth.network.config import FARTHEST_STEP
 from m3depth.network.geometry import MIN_DISPARITY, disparity_to_depth, facing_normals, pixel_rays
 from m3depth.network.output import Maps, Start
 from m3depth.network.row_bands import by_rows
-from m3depth.stereo.pairs import NEAREST, checked_pair, in_colour
+from m3depth.stereo.pairs import LEAST_PIXELS, NEAREST, TINY, checked_pair, in_colour, largest_disparity
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import align_rows
 from m3depth.stereo.sky import possible_sky
@@ -49,21 +50,36 @@ def infer_pair(
         align: Whether rows of the images that lie significantly apart are aligned first.
 
     Raises:
-        ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
+        ValueError: Images of a wrong type or size, `nearest` is not positive, or `max_pixels` is below 2048.
     """
     if nearest is not None and not (math.isfinite(nearest) and nearest > 0):
         raise ValueError(f"nearest must be positive, got {nearest}")
-    if max_pixels is not None and not max_pixels > 0:
-        raise ValueError(f"max_pixels must be positive, got {max_pixels}")
+    if max_pixels is not None and not max_pixels >= LEAST_PIXELS:
+        raise ValueError(f"max_pixels must be at least {LEAST_PIXELS}, got {max_pixels}")
     left, right = checked_pair(left, right, rig)
     if align:
         right, _ = align_rows(left, right, rig)
-    pair = [in_colour(left), in_colour(right)]
+    height, width = left.shape[:2]
+    rig = without_tiny_sides(rig)
+    missing = 0, rig.camera.height - height, 0, rig.camera.width - width
+    pair = [cv2.copyMakeBorder(in_colour(x), *missing, cv2.BORDER_REPLICATE) for x in (left, right)]
     nearest = NEAREST if nearest is None else nearest
     out: Any = None
     for rows, columns in working_sizes(rig, reach, nearest, max_pixels, goes_on):
         out = _run_at_size(forward, device, pair, rig, rows, columns, out)
-    return prediction_of(out, rig)
+    made = prediction_of(out, rig)
+    depth, disparity, normal, confidence = (
+        None if x is None else x[:height, :width] for x in (made.depth, made.disparity, made.normal, made.confidence)
+    )
+    assert depth is not None and disparity is not None and confidence is not None
+    return Prediction(depth, disparity, normal, confidence)
+
+
+def without_tiny_sides(rig: StereoRig) -> StereoRig:
+    """Return the cameras of a pair to which rows below and columns at the right are added if it is tiny, else `rig`."""
+    if max(rig.camera.height, rig.camera.width) > TINY:
+        return rig
+    return replace(rig, camera=replace(rig.camera, height=2 * TINY, width=2 * TINY))
 
 
 def _run_at_size(
@@ -85,8 +101,8 @@ def working_sizes(
 ) -> list[tuple[int, int]]:
     """Return the heights and widths [px] at which the network works on a pair, from coarse to fine.
 
-    The cost volume works at the first, where `nearest` is within its reach, and the refinement goes on at each of the
-    others, at most FARTHEST_STEP times as large as the one before.
+    The cost volume works at the first, where the disparity of `nearest`, or one of the images' width, is within its
+    reach, and the refinement goes on at each of the others, at most FARTHEST_STEP times as large as the one before.
 
     Args:
         rig: The cameras of the images.
@@ -97,7 +113,7 @@ def working_sizes(
     """
     height, width = rig.camera.height, rig.camera.width
     finest = 1.0 if max_pixels is None else min(1.0, math.sqrt(max_pixels / (height * width)))
-    first = min(finest, reach * nearest / rig.fb)
+    first = min(finest, reach / largest_disparity(rig, nearest))
     gain = finest / first
     first = finest if gain < SAME else first
     more = math.ceil(math.log(gain, FARTHEST_STEP) - ROUNDING) if gain >= LEAST_GAIN and refines else 0

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.inference import infer_pair
+from m3depth.network.inference import infer_pair, without_tiny_sides
 from m3depth.network.output import GridMap
 from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.weights.storage import save_weights
@@ -139,7 +139,7 @@ class StereoNetwork(nn.Module):
             depth, and where its numbers are not finite, all maps are NaN and confidence is 0.
 
         Raises:
-            ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
+            ValueError: Images of a wrong type or size, `nearest` is not positive, or `max_pixels` is below 2048.
         """
         warn_of_busy_threads()
         device = next(self.parameters()).device
@@ -161,11 +161,14 @@ class StereoNetwork(nn.Module):
             The maps in the order of the steps, at the input's size.
         """
         maps: list[StepMap] = []
+        camera = without_tiny_sides(rig).camera
 
         def run(*inputs: Any) -> Any:
             output = self._forward(*inputs)
-            size = rig.camera.height, rig.camera.width
-            maps.extend(grid_map.at_size(inputs[0].shape[-2:], size) for grid_map in self.steps_of(output))
+            for grid_map in self.steps_of(output):
+                whole = grid_map.at_size(inputs[0].shape[-2:], (camera.height, camera.width))
+                height, width = rig.camera.height, rig.camera.width
+                maps.append(whole._replace(disparity=whole.disparity[:height, :width]))
             return output
 
         with _STEPS:

@@ -13,6 +13,7 @@ from m3depth.datasets.config import Format, Split
 from m3depth.estimator import M3DEPTH
 from m3depth.rectification.options import RawOptions
 from m3depth.runtimes.choice import RuntimeChoice
+from m3depth.stereo.pairs import LEAST_PIXELS
 from marssim.base.dataset.map_file import MAP_KINDS, MapFormat, MapKind
 
 CloudFrame = Literal["camera", "rover", "world"]
@@ -105,7 +106,7 @@ class PredictOptions:
     """Nearest depth [m] in view, 0.01 to 1000 and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
     finds up to 192 px of disparity, first in reduced images where this depth has more."""
     max_pixels: int | None = None
-    """Largest number of pixels of an image, above 0, that the network works on, for M3Depth or a class whose infer
+    """Largest number of pixels of an image, 2048 or more, that the network works on, for M3Depth or a class whose infer
     takes it. Larger images are reduced to it, which saves time and memory and loses detail; the maps have the images'
     size."""
     align_rows: bool = True
@@ -148,10 +149,12 @@ class PredictOptions:
             raise ValueError(f"give a left and a right image, or one source of pairs, got {len(self.images)} files")
         if self.every < 1:
             raise ValueError(f"every must be at least 1, got {self.every}")
-        for name in ("focal", "baseline", "max_pixels", "max_range", "voxel"):
+        for name in ("focal", "baseline", "max_range", "voxel"):
             value = getattr(self, name)
             if value is not None and not (value > 0 and (np.isfinite(value) or name == "max_range")):
                 raise ValueError(f"{name} must be positive, got {value:g}")
+        if self.max_pixels is not None and self.max_pixels < LEAST_PIXELS:
+            raise ValueError(f"max_pixels must be at least {LEAST_PIXELS}, got {self.max_pixels}")
         if self.voxel < SMALLEST_VOXEL:
             raise ValueError(f"voxel must be at least {SMALLEST_VOXEL:g} m, got {self.voxel:g}")
         low, high = NEAREST_LIMITS

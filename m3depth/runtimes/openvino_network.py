@@ -20,6 +20,7 @@ from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.inference import infer_pair
 from m3depth.network.model import M3Depth
 from m3depth.network.output import Start, StereoOutput
+from m3depth.network.refinement import CELL
 from m3depth.runtimes.graph_files import graph_name, kept
 from m3depth.runtimes.graphs import converted
 from m3depth.runtimes.openvino_import import openvino
@@ -27,13 +28,14 @@ from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 
 LARGEST = 2_000_000  # [px] of a pass that a graph runs; 2048 x 2048 scores take 0.4 GB in bf16, 4096 x 3072 2.4 GB
+LARGEST_SCORES = 66_000_000  # of all pairs of a row at 1/4; with their means along the row, they take 0.2 GB in bf16
 SIZES = 4  # compiled sizes that are kept: a large pair takes two, each some 100 MB at 512 x 512 px
 
 
 class OpenVinoM3Depth:
     """A network of network.model.M3Depth, run by OpenVINO on the CPU: the same `infer`, the same maps.
 
-    Passes over more than LARGEST pixels run in PyTorch.
+    Passes over images that are large (LARGEST) or wide (LARGEST_SCORES) run in PyTorch.
 
     Graphs are compiled for each size of images, in a second or two. OpenVINO gets as many threads as PyTorch has
     (OMP_NUM_THREADS), which do not stay on one core, so that processes do not meet on it.
@@ -77,7 +79,7 @@ class OpenVinoM3Depth:
             align_rows: Whether rows of the images that lie significantly apart are aligned first.
 
         Raises:
-            ValueError: Images of a wrong type or size, or `nearest` or `max_pixels` is not positive.
+            ValueError: Images of a wrong type or size, `nearest` is not positive, or `max_pixels` is below 2048.
         """
         cpu = torch.device("cpu")
         with self._lock:  # a request works on one pair at a time
@@ -88,7 +90,8 @@ class OpenVinoM3Depth:
 
     def _run(self, left: Tensor, right: Tensor, camera: Tensor, start: Start | None) -> StereoOutput:
         height, width = left.shape[-2:]
-        if height * width > LARGEST:
+        scores = -(-height // CELL) * (-(-width // CELL)) ** 2
+        if height * width > LARGEST or scores > LARGEST_SCORES:
             with autocast(left.device, None if self.dtype == torch.float32 else self.dtype):
                 return self.network(left, right, camera, start)
         inputs = [left, right, camera, *(x for x in start or () if x is not None)]

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from m3depth.stereo.filling import fill_background
-from m3depth.stereo.pairs import NEAREST, checked_pair, in_grey
+from m3depth.stereo.pairs import checked_pair, in_grey, largest_disparity
 from m3depth.stereo.plane_normals import fitted_normals
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.window_costs import Cost, semi_global, window_costs, winners
@@ -208,7 +208,7 @@ def search_range(rig: StereoRig) -> int:
 
     The number is rounded up to a multiple of 16, as OpenCV requires, so it may exceed the width by up to 15 px.
     """
-    return max(16, 16 * math.ceil(min(rig.fb / NEAREST, rig.camera.width) / 16))
+    return max(16, 16 * math.ceil(largest_disparity(rig) / 16))
 
 
 def grey_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[np.ndarray, np.ndarray]:

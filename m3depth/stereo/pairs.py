@@ -11,6 +11,8 @@ from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 
 NEAREST = 0.84  # [m] shortest depth at which every method searches for matches; 192 px for NaTeCam
 MAX_DISPARITY = 192.0  # [px] pixels of larger disparity are not trained, and are scored apart
+TINY = 32  # [px] images of at most this height and width are enlarged: M3Depth's first maps are wrong on 4 x 4 cells
+LEAST_PIXELS = 2048  # of a pair that is reduced: none is tiny then
 LARGEST_SIDE = (1 << 15) - 2  # [px] of images that OpenCV resamples
 
 
@@ -47,6 +49,11 @@ def scene_name(pairs: StereoPairs, index: int) -> str:
 def scored_depths(pairs: StereoPairs) -> tuple[float, float]:
     """Return the nearest and farthest depth [m] in the `valid` masks of pairs; by default the paper's 0.5 to 15 m."""
     return getattr(pairs, "depth_range", (MIN_DEPTH, MAX_DEPTH))
+
+
+def largest_disparity(rig: StereoRig, nearest: float = NEAREST) -> float:
+    """Return the largest disparity [px] that a method must find: that of `nearest` [m], or the width of the images."""
+    return min(rig.fb / nearest, float(rig.camera.width))
 
 
 def spread(count: int, wanted: int) -> list[int]:

@@ -12,7 +12,7 @@ import math
 import cv2
 import numpy as np
 
-from m3depth.stereo.pairs import NEAREST
+from m3depth.stereo.pairs import largest_disparity
 from marssim.base.camera import StereoRig
 
 SEARCH_WIDTH = 256  # [px] width of the reduced images in which corners are searched
@@ -52,7 +52,7 @@ def band_matches(left: np.ndarray, right: np.ndarray, rig: StereoRig, reach: flo
     a, b = (
         cv2.GaussianBlur(cv2.resize(i, size, interpolation=cv2.INTER_AREA), (0, 0), SEARCH_BLUR) for i in (left, right)
     )
-    along = math.ceil(min(rig.fb / NEAREST, width) * scale)
+    along = math.ceil(largest_disparity(rig) * scale)
     beyond, rows = math.ceil(BEYOND * size[0]), math.ceil(reach * scale)
     margin = PATCH // 2
     band = cv2.copyMakeBorder(b, rows, rows, along, beyond, cv2.BORDER_REPLICATE)

@@ -286,7 +286,7 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
         ("no number", "--focal must be a number, got 'abc'"),
         ("nearest", "--nearest must lie in [0.01, 1000] m, got -1"),
         ("nearest to nothing", "--nearest must lie in [0.01, 1000] m, got 1e-300"),
-        ("pixels", "--max-pixels must be positive, got 0"),
+        ("pixels", "--max-pixels must be at least 2048, got 0"),
         ("not its own", "--nearest: --estimator sgbm takes no such setting"),
         ("method", "--estimator 'raft' is unknown; choose from m3depth, sgbm"),
         ("no steps", "--steps: sgbm has no maps of refinement steps; leave it out"),

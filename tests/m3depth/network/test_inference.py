@@ -1,12 +1,17 @@
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
-from turned_pairs import RIG, slope, turned
+from turned_pairs import RIG, slope, slope_disparity, turned
 
 from m3depth.network.inference import infer_pair, prediction_of, working_sizes
+from m3depth.network.model import M3Depth
 from m3depth.network.output import PlainMaps, StereoOutput
 from m3depth.stereo.rows import align_rows
-from marssim.base.camera import NATECAM
+from m3depth.weights import SHIPPED_WEIGHTS
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 
 
 @pytest.mark.parametrize(
@@ -28,6 +33,29 @@ def test_sizes_end_at_the_pixels_of_the_images(
 ) -> None:
     sizes = working_sizes(NATECAM.resized(width, width), 192.0, nearest, max_pixels)
     assert [size[1] for size in sizes] == widths and all(rows == columns for rows, columns in sizes)
+
+
+@pytest.mark.parametrize("baseline", [1.0, 5.0, 10.0])
+def test_no_disparity_is_larger_than_the_width(baseline: float) -> None:
+    """So the volume never works on fewer columns than it has hypotheses, however long the baseline."""
+    assert working_sizes(replace(NATECAM, baseline=baseline), 192.0, 0.84) == [(192, 192), (512, 512)]
+    assert working_sizes(replace(NATECAM.resized(160, 160), baseline=baseline), 192.0, 0.84) == [(160, 160)]
+
+
+@pytest.mark.parametrize(("side", "baseline", "max_pixels"), [(28, 0.27, None), (256, 0.27, 2048), (384, 5.0, None)])
+def test_the_shipped_network_measures_tiny_images_and_long_baselines(
+    side: int, baseline: float, max_pixels: int | None
+) -> None:
+    """Before, disparities were several times the width on images of 4 x 4 cells at 1/8, which are padded now."""
+    rig = StereoRig(PinholeCamera.centred(side, side, 1.16 * side), baseline)
+    prediction = shipped().infer(*slope(rig=rig), rig, max_pixels=max_pixels)
+    error = np.abs(prediction.disparity - slope_disparity(rig))[:, side // 4 :]
+    assert np.nanmedian(error) < 0.02 * side and np.isfinite(error).mean() > 0.8
+
+
+@cache
+def shipped() -> M3Depth:
+    return M3Depth.from_pretrained(SHIPPED_WEIGHTS)
 
 
 def test_networks_without_refinement_work_at_one_size() -> None:

@@ -123,7 +123,7 @@ def test_a_nearest_depth_that_is_not_positive_is_refused(model: M3Depth, nearest
     image = np.zeros((32, 64), np.uint8)
     with pytest.raises(ValueError, match="nearest must be positive"):
         model.infer(image, image, rig_of(32, 64), nearest=nearest)
-    with pytest.raises(ValueError, match="max_pixels must be positive"):
+    with pytest.raises(ValueError, match="max_pixels must be at least 2048, got 0"):
         model.infer(image, image, rig_of(32, 64), max_pixels=0)
 
 

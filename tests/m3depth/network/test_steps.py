@@ -27,7 +27,7 @@ def test_a_disparity_of_no_finite_depth_is_0() -> None:
 
 def test_a_large_pair_has_the_steps_of_each_size_and_ends_at_the_result(large_samples) -> None:
     torch.manual_seed(0)
-    network = M3Depth(replace(SMALL, hypotheses=24)).eval()
+    network = M3Depth(SMALL).eval()
     sample = large_samples[0]
     steps = network.infer_steps(sample.left, sample.right, sample.rig)
     finer = [f"step {n}" for n in range(1, SMALL.finer_steps + 1)]

@@ -146,10 +146,11 @@ def test_pairs_of_large_disparities_are_worked_on_at_their_reduced_size(large_sa
     scored = (packed.flags & SCORED) > 0
     assert scores["epe"] == pytest.approx(np.abs(disparity - sample.disparity)[scored].mean(), rel=0.02)
 
-    prediction = network.infer(sample.left, sample.right, sample.rig)
-    reach = MAX_DISPARITY / (sample.rig.fb / NEAREST)
-    assert sizes[-1] == (round(height * reach), round(width * reach))
-    assert prediction.disparity.shape == (height, width) and prediction.normal is None
+    assert width == MAX_DISPARITY < sample.rig.fb / NEAREST
+    twice = (cv2.resize(x, (2 * width, 2 * height)) for x in (sample.left, sample.right))
+    prediction = network.infer(*twice, sample.rig.resized(2 * width, 2 * height))
+    assert sizes[-1] == (height, width)
+    assert prediction.disparity.shape == (2 * height, 2 * width) and prediction.normal is None
 
 
 @pytest.mark.parametrize("kind", CONFIGS)

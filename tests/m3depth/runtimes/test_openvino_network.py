@@ -104,12 +104,23 @@ def test_passes_over_large_images_run_in_pytorch(small_network, monkeypatch, pre
     assert differences(network.infer(*images), alone.infer(*images)) == [0, 0, 0] and not alone._requests
 
 
+def test_passes_over_wide_images_run_in_pytorch(small_network, monkeypatch):
+    """They have more scores than their pixels let expect."""
+    monkeypatch.setattr("m3depth.network.stereo_network.fast_dtype", lambda device: None)
+    monkeypatch.setattr("m3depth.runtimes.openvino_network.LARGEST_SCORES", 16 * 100**2)
+    fast = OpenVinoM3Depth(small_network(), FP32)
+    fast.infer(*pair(64, 480, baseline=0.01))
+    assert not fast._requests
+    fast.infer(*pair(480, 64, baseline=0.01))
+    assert list(fast._requests) == [(False, 480, 64)]
+
+
 def test_wrong_input_is_refused_as_by_pytorch(small_network):
     fast = OpenVinoM3Depth(small_network(), FP32)
     left, right, rig = pair(64, 96)
     with pytest.raises(ValueError, match="nearest must be positive, got 0"):
         fast.infer(left, right, rig, nearest=0)
-    with pytest.raises(ValueError, match="max_pixels must be positive, got -1"):
+    with pytest.raises(ValueError, match="max_pixels must be at least 2048, got -1"):
         fast.infer(left, right, rig, max_pixels=-1)
     for wrong, message in ((right[:, :-1], "is 95 x 64,"), (right.astype(float), "must be a uint8 array")):
         with pytest.raises(ValueError, match=f"^right image {message}"):
