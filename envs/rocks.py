@@ -29,7 +29,7 @@ from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR
 from m3depth.evaluation.running_sums import SkyCounts
 from m3depth.figures.rocks import rocks_figure
-from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
+from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime, runtime_sentence
 from m3depth.stereo.degradation import Degradation
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import watched
@@ -180,10 +180,11 @@ def _report(
     images = max((counts["images"] for counts in results.values() if counts), default=0)
     if not images:
         raise ValueError(f"{named}: no pair of split {config.split} shows ground and holds the pose of its camera")
+    runtime = recorded_runtime(config.perception, config.runtime)
     about = {
         "data": [str(path) for path in config.data], "split": config.split, "images": images, "left_out": left_out,
         "step_m": config.step, "degrade": config.degrade, "seed": config.seed,
-        "runtime": recorded_runtime(config.perception, config.runtime), "versions": versions(),
+        "runtime": runtime, "versions": versions(),
     }  # fmt: skip
     curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
     content = {**about, "methods": results, "by_step": curve, "sky": sky, "per_pair": records}
@@ -194,7 +195,8 @@ def _report(
         "# Rocks in the navigator's map",
         "",
         f"{counted(images, 'frame')} of `{named}`, split {config.split}{degraded}; each alone in an empty map. "
-        f"Obstacles are cells that stand out of the ground by {config.step:g} m and more.",
+        f"Obstacles are cells that stand out of the ground by {config.step:g} m and more. "
+        f"{runtime_sentence(runtime)}".rstrip(),
         "",
         RULES,
         "",

@@ -18,6 +18,7 @@ import numpy as np
 
 from m3depth.evaluation.bootstrap import interval, resampled_means
 from m3depth.evaluation.report import marked, number, table
+from m3depth.runtimes.choice import runtime_sentence
 from marssim.base.command.wording import counted
 
 SGBM = "SGBM"
@@ -237,7 +238,7 @@ def markdown(content: Mapping[str, Any]) -> str:
     """Return the tables of a summary.
 
     Args:
-        content: What `summary` returned, with limit, weights and versions.
+        content: What `summary` returned, with limit, weights, runtime and versions.
     """
     limit = content["limit"]
     trial = "" if limit is None else f" **A trial: at most {counted(limit, 'pair')} of each place.**"
@@ -262,7 +263,7 @@ def markdown(content: Mapping[str, Any]) -> str:
                 if methods:
                     lines += ["", f"{where}:", "", *_figure_table(ROCKS, methods), "", *_bin_table(methods)]
     used = ", ".join(f"{name} {value}" for name, value in content["versions"].items() if value is not None)
-    return "\n".join([*lines, "", f"{used}.", ""])
+    return "\n".join([*lines, "", f"{runtime_sentence(content['runtime'])}{used}.", ""])
 
 
 def _figure_table(terms: Mapping[str, Term], methods: Mapping[str, Any]) -> list[str]:

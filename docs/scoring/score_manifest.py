@@ -26,7 +26,7 @@ from m3depth.estimator import EstimatorName
 from m3depth.evaluate import main as evaluate
 from m3depth.evaluation.resume import UNFINISHED
 from m3depth.kinds.networks import load_network
-from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
+from m3depth.runtimes.choice import RuntimeChoice, joined_runtimes, recorded_runtime
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, weights_file
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
@@ -244,15 +244,18 @@ def work(options: Options) -> None:
     weights = weights_by_kind(options)
     for part in parts:
         score(part, make(part, options), options, weights)
+    kinds = kinds_of(options)
     results = [
         {
             "size": part.size, "set": part.name, "place": part.place,
-            **{kind: read_json(part.scores(options.out, kind) / "results.json") for kind in kinds_of(options)},
+            **{kind: read_json(part.scores(options.out, kind) / "results.json") for kind in kinds},
         }
         for part in parts
     ]  # fmt: skip
     content = {
-        "limit": options.limit, "weights": [*map(str, options.weights)], "versions": versions(), **summary(results)
+        "limit": options.limit, "weights": [*map(str, options.weights)],
+        "runtime": joined_runtimes(result[kind]["runtime"] for result in results for kind in kinds),
+        "versions": versions(), **summary(results),
     }  # fmt: skip
     write_json(options.out / "summary.json", content, sort_keys=False)
     write_atomically(options.out / "summary.md", markdown(content).encode())

@@ -9,6 +9,7 @@ from typing import Any
 from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR, OBSTACLE
 from m3depth.evaluation.running_sums import NEAR_GROUND
+from m3depth.runtimes.choice import runtime_sentence
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -74,7 +75,7 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     """Return the whole report as Markdown.
 
     Args:
-        about: data, split, pairs, weights, degrade, align_rows, depth_range_m, max_disparity_px and versions.
+        about: data, split, pairs, weights, degrade, align_rows, depth_range_m, max_disparity_px, runtime and versions.
         results: Evaluation.results.
         true_depth_normals: Figures of the normals of planes fitted to the true depth, by kind of pixel.
     """
@@ -122,7 +123,7 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     for figure in FIGURES:
         lines += ["", f"![{figure.replace('_', ' ')}]({figure}.png)"]
     versions = ", ".join(f"{name} {value}" for name, value in about["versions"].items() if value is not None)
-    return "\n".join([*lines, "", f"One run on one machine. {versions}.", ""])
+    return "\n".join([*lines, "", f"One run on one machine. {runtime_sentence(about['runtime'])}{versions}.", ""])
 
 
 def sky_table(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:

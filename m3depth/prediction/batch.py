@@ -47,6 +47,7 @@ PERCENTILES = (5, 50, 95)  # of depth, in the record
 THOROUGH = 10  # every pair of this number is matched both ways round to check it
 NOT_SETTINGS = (
     "images", "out", "weights", "estimator", "left", "right", "poses", "calib", "raw", "mask", "voxel", "video", "view",
+    "device",  # which the runtime names
 )  # fmt: skip
 
 

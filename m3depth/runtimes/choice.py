@@ -84,16 +84,22 @@ def recorded_runtime(names: Iterable[str], wanted: str = "auto", device: str = "
     )
 
 
+def runtime_sentence(runtime: str | None) -> str:
+    """Return what a report says of a record of recorded_runtime, with a space after it; nothing of None."""
+    return "" if runtime is None else f"Networks ran in {runtime}. "
+
+
 def joined_runtimes(records: Iterable[str | None]) -> str | None:
     """Return the records of M3Depth and of other networks as one; None if there is none.
 
     Args:
-        records: That of M3Depth first, then that of other networks; None where such a network did not run.
+        records: That of M3Depth first, then that of other networks; None where such a network did not run. They may be
+            joined ones.
 
     Returns:
         "openvino 2026.4.1 cpu bf16 + pytorch 2.9.1 cpu bf16", or one record alone where both are equal.
     """
-    return AND.join(dict.fromkeys(filter(None, records))) or None
+    return AND.join(dict.fromkeys(part for record in records if record for part in record.split(AND))) or None
 
 
 def same_runtime(one: str, other: str) -> bool:

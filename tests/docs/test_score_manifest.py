@@ -13,6 +13,7 @@ from small_rivals import TINY as TINY_RIVALS
 
 from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
+from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
 from marssim.generation.config import parse_generate
@@ -78,8 +79,14 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
     arguments = ["--data", str(tmp_path / "data"), "--out", str(out), "--manifest", str(tiny), "--workers", "1"]
     arguments += ["--weights", str(weights), "--sets", "degraded"]
     assert score_manifest.main(arguments) == 0
-    part = read_json(out / "summary.json")["parts"]["64"]["degraded"]
+    summary = read_json(out / "summary.json")
+    part = summary["parts"]["64"]["degraded"]
     assert part["pairs"] == part["scenes"] == 2
+    runtime = recorded_runtime(["m3depth"])
+    assert summary["runtime"] == runtime and f"\nNetworks ran in {runtime}. python " in (out / "summary.md").read_text()
+    assert (
+        f" one machine. Networks ran in {runtime}. python " in (out / "depth/64/degraded/utopia/results.md").read_text()
+    )
     assert [folder.name for folder in (tmp_path / "data" / "64").iterdir()] == ["clean"]  # whose images are degraded
     depth = read_json(out / "depth" / "64" / "degraded" / "utopia" / "results.json")
     assert depth["degrade"] == "contrast=.33" and depth["max_disparity_px"] == 24

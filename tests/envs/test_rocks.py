@@ -66,6 +66,7 @@ def test_found_missed_and_false(folder, tmp_path, capsys, monkeypatch):
     assert main(args) == 0
     results = json.loads((out / "results.json").read_text())
     assert results["runtime"] is None  # M3Depth did not run
+    assert "Networks ran in" not in (out / "results.md").read_text()
     methods = results["methods"]
     true, melted = (methods[name]["standing_0.2_m_within_8_m"] for name in ("ground_truth", "melted"))
     assert (true["rocks"], true["found"], methods["ground_truth"]["false"]) == (3, 3, 0)

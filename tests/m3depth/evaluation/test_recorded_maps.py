@@ -324,7 +324,7 @@ def test_tables_mark_recorded_maps_beside_methods_whose_images_are_changed(tmp_p
     about = {
         "data": "planes", "split": "test", "pairs": 1, "weights": "shipped", "seed": 0,
         "degrade": "blur=1" if degradation else None, "align_rows": "align_rows" in change,
-        "depth_range_m": (0.5, 15.0), "max_disparity_px": 192, "versions": {},
+        "depth_range_m": (0.5, 15.0), "max_disparity_px": 192, "runtime": None, "versions": {},
     }  # fmt: skip
     report = markdown_report(about, done.results, done.true_depth_normals)
     assert ("| read, as recorded |" in report) == (AS_RECORDED in report) == is_marked

@@ -142,6 +142,8 @@ def test_a_whole_folder_loads_nothing_again_and_other_settings_are_refused(folde
     predict(options(folder, tmp_path, write=("depth",)))
     monkeypatch.setattr("m3depth.prediction.one_pair.load_estimator", lambda *a, **k: pytest.fail("loaded"))
     predict(options(folder, tmp_path, write=("depth",)))
+    if not torch.cuda.is_available():  # auto is the CPU
+        predict(options(folder, tmp_path, write=("depth",), device="cpu"))
     with pytest.raises(DatasetError, match=r"--min-confidence none, not 0\.3"):
         predict(options(folder, tmp_path, write=("depth",), min_confidence=0.3))
     (folder / "left/9.png").write_bytes((folder / "left/0.png").read_bytes())

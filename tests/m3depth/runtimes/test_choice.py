@@ -13,7 +13,7 @@ from m3depth.estimator import load_estimator
 from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
 from m3depth.predict import main as predict
-from m3depth.runtimes.choice import chosen_runtime, joined_runtimes, recorded_runtime, same_runtime
+from m3depth.runtimes.choice import chosen_runtime, joined_runtimes, recorded_runtime, runtime_sentence, same_runtime
 from marssim.base.files.png import encode_png
 
 
@@ -109,6 +109,9 @@ def test_both_programs_are_recorded_that_of_m3depth_first(rivals, monkeypatch):
 def test_records_of_networks_that_did_not_run_are_left_out():
     assert joined_runtimes(["openvino 1.0", None]) == joined_runtimes([None, "openvino 1.0"]) == "openvino 1.0"
     assert joined_runtimes([None, None]) is None
+    both = "openvino 1.0 + pytorch 2.0"
+    assert joined_runtimes([both, "openvino 1.0", None, both]) == both
+    assert runtime_sentence(both) == f"Networks ran in {both}. " and runtime_sentence(None) == ""
 
 
 def test_no_runtime_is_recorded_without_a_network():
