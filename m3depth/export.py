@@ -3,7 +3,8 @@
     python -m m3depth.export --out m3depth.onnx
     python -m m3depth.export --weights RUN/weights.safetensors --out mine.onnx
 
-Batch, height and width are free: the network in the file pads images of any size. Inputs, all float32:
+Batch, height and width are free: the network in the file pads images of any size whose longer side has more than 32 px.
+Inputs, all float32:
 
     left, right   (batch, 3, height, width), rectified, RGB, 0 to 1
     camera        (batch, 4), fx, fy, cx, cy [px]; pixel centres are integers

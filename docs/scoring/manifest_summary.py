@@ -2,8 +2,7 @@
 
 Errors of pixels are means over images, as in m3depth.evaluate; shares of sky and near ground, of rocks and of edges are
 over all images together. The 95 % intervals are by the bootstrap over scenes, whose views are drawn together. A ratio
-to SGBM's compares both on the same images. Near ground is nearer than 8 m. Rocks, edges of slabs and false obstacles
-are those of docs/concepts/scoring-rules.md in the depth, and those of envs/rock_map.py in the navigator's map.
+to SGBM's compares both on the same images. Near ground is nearer than 8 m.
 """
 
 from __future__ import annotations
@@ -24,6 +23,8 @@ from marssim.base.command.wording import counted
 SGBM = "SGBM"
 HEIGHTS = (0.1, 0.2, 0.3, np.inf)  # [m] edges of the intervals of the height of rocks and edges of slabs
 RANGES = (0.0, 4.0, 8.0, 15.0)  # [m] edges of the intervals of their distance
+IN_DEPTH = "Rocks, edges of slabs and false obstacles in the depth, by docs/concepts/scoring-rules.md"
+IN_MAP = "Those in the navigator's map, by envs/rock_map.py"
 FRAMES = 40  # frames that false obstacles are counted in
 HEIGHT, DISTANCE, FOUND, BOTH_EYES = 0, 1, 2, 4  # places in a RockOutcome
 
@@ -259,7 +260,7 @@ def markdown(content: Mapping[str, Any]) -> str:
                 ratios = ", ".join(f"{label} {ratio:.3f}" for label, ratio in same.items())
                 lines += ["", f"Abs Rel over that of the same views at the smallest size: {ratios}."]
             lines += ["", *_place_table(depth)]
-            for methods, where in ((depth, "In the depth"), (part["map"], "In the navigator's map")):
+            for methods, where in ((depth, IN_DEPTH), (part["map"], IN_MAP)):
                 if methods:
                     lines += ["", f"{where}:", "", *_figure_table(ROCKS, methods), "", *_bin_table(methods)]
     used = ", ".join(f"{name} {value}" for name, value in content["versions"].items() if value is not None)

@@ -95,7 +95,8 @@ def test_pairs_are_made_scored_and_put_into_one_table(score_manifest, tiny, tmp_
     assert own["abs_rel"]["value"] == pytest.approx(mean) and sgbm["abs_rel"]["ratio"] == 1
     assert own["places"]["utopia"]["abs_rel"] == pytest.approx(mean)
     assert list(part["map"]) == ["mine", "SGBM", "ground_truth"]
-    assert "## 64 px, degraded" in (out / "summary.md").read_text()
+    text = (out / "summary.md").read_text()
+    assert "## 64 px, degraded" in text and "\nThose in the navigator's map, by envs/rock_map.py:\n" in text
 
     def again(flags):
         raise AssertionError("scored twice")
@@ -132,7 +133,7 @@ def test_the_map_is_left_out_and_the_baselines_are_those_that_the_flags_name(sco
     filled, unfilled = (part["depth"][name]["abs_rel"]["value"] for name in ("SAD", "SAD, unfilled"))
     assert filled < unfilled  # since unknown depth counts as 80 m
     assert list(part["depth"]) == ["mine", "SAD", "SAD, unfilled"] and part["map"] == {} and not (out / "map").exists()
-    assert "In the navigator's map" not in (out / "summary.md").read_text()
+    assert "the navigator's map" not in (out / "summary.md").read_text()
 
 
 def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manifest, tmp_path, monkeypatch):
