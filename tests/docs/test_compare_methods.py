@@ -18,7 +18,7 @@ from small_rivals import TINY
 
 from m3depth.evaluation.bootstrap import resampled_means
 from m3depth.evaluation.cost import Cost
-from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
+from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, number
 from m3depth.figures import drawing
 from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
@@ -471,6 +471,23 @@ def test_all_tables_of_the_results_are_those_of_the_records_beside_them(
         (of_clean, reference) = (of["sets"]["clean"] for of in (record, named["lite"]))
         (figure,) = compare_methods.metrics(of_clean, reference).values()
         assert flat(figure) == flat(page["sets"]["clean"]["metrics"][name]["abs_rel"])
+
+
+def test_what_the_page_says_of_the_depth_corrected_by_normals_is_that_of_its_records(compare_methods, monkeypatch):
+    records = [read_json(WEIGHTS.parent / f"corrected/lite{more}.json") for more in ("", ", corrected by its normals")]
+    monkeypatch.setattr(compare_methods, "COLUMNS", {"abs_rel": ""})
+    text = " ".join((ROOT / "docs/results/methods.md").read_text(encoding="utf-8").split())
+    for name, words in (
+        ("clean", "on clean pairs (95 % interval"),
+        ("degraded", "on degraded pairs ("),
+        ("sun10", "at low sun ("),
+    ):
+        plain, corrected = (record["sets"][name] for record in records)
+        ratio = compare_methods.metrics(corrected, plain)["abs_rel"]
+        low, high = ratio["ratio_interval"]
+        assert re.search(
+            rf"{number(ratio['ratio'])} times (as large )?{re.escape(words)} ?{number(low)} to {number(high)}", text
+        )
 
 
 def test_the_page_has_the_digests_of_the_weights_beside_it():
