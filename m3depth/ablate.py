@@ -3,7 +3,7 @@
     python -m m3depth.ablate --data data/train --out runs/ablation --minutes 10
     python -m m3depth.ablate --data data/train --test data/unseen --out runs/ablation --steps 2000 --studies components
     python -m m3depth.ablate --data data/train --out runs/thin --preset paper-thin --minutes 10
-    python -m m3depth.ablate --data data/train --out runs/letter --preset paper-thin --recipe paper --minutes 10
+    python -m m3depth.ablate --data data/train --out runs/paper-recipe --preset paper-thin --recipe paper --minutes 10
 
 The studies are components (WEFE and IRM, on and off), loss (weights, no consistency loss, no normals), iterations (1 to
 6), levels (of wavelets, 2 to 5), and parts (lookup, match at half the resolution, convex upsampling and recurrent steps
@@ -19,8 +19,8 @@ The same command continues after it was stopped or killed. It writes results.md 
 figures a study at the end: STUDY.png has the errors beside the paper's, STUDY_maps.png the maps of all rows on two test
 pairs. runs/NAME-SEED holds the files of training and score.json. Runs that have their score.json and network.json are
 not trained again, even without the other files, so that an ablation can go on elsewhere; the maps then lack their rows.
-m3depth.train repeats a single run, with runs/NAME-SEED/network.json as --network, the same --recipe, and the --loss
-weights that score.json lists.
+m3depth.train repeats a single run, with runs/NAME-SEED/network.json as --network, the same --recipe, --batch, --crop,
+--seed and budget, --validate-every 0 --validate-samples 0, and the --loss weights that score.json lists.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ import numpy as np
 import torch
 
 from m3depth.estimator import load_estimator
-from m3depth.network.geometry import MIN_DISPARITY
+from m3depth.network.geometry import MIN_DISPARITY, pixel_rays
+from m3depth.network.inference import camera_row
 from m3depth.rivals.geo_net import ALIKE, GRAZING, windows
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
@@ -26,7 +27,7 @@ from marssim.base.camera import StereoRig
 WEIGHTS = Path(__file__).parents[1] / "results/methods/weights/lite.safetensors"
 # Chosen on pairs that are not of the manifest: python -m marssim.generate --scene mixed --pairs 60 --seed 9401
 SIDE = 5  # pixels along the side of a window
-APART = 2  # distance between them [px]
+SPACING = 2  # distance between them [px]
 NEAR = 0.2  # difference in disparity at which the weight of a plane falls to 1/e [px]
 
 
@@ -42,9 +43,7 @@ def corrected_disparity(disparity: np.ndarray, normal: np.ndarray, rig: StereoRi
         (H, W) float32 [px].
     """
     height, width = disparity.shape
-    camera = rig.camera
-    down, across = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    rays = torch.stack([(across - camera.cx) / camera.fx, (down - camera.cy) / camera.fy, torch.ones(height, width)])
+    rays = pixel_rays(camera_row(rig, torch.device("cpu")), height, width)[0]
     normals = torch.from_numpy(np.moveaxis(normal, 2, 0).copy())
     given = torch.from_numpy(disparity)
     valid = (given >= MIN_DISPARITY) & torch.isfinite(normals).all(0)
@@ -52,7 +51,7 @@ def corrected_disparity(disparity: np.ndarray, normal: np.ndarray, rig: StereoRi
     facing = -(normals * rays).sum(0)
     moments, weights = torch.zeros_like(measured), torch.zeros_like(measured)
     around = torch.cat([measured[None], facing[None], normals, valid.to(normals)[None]])[None]
-    for _, _, moved in windows(around, SIDE, APART):
+    for _, _, moved in windows(around, SIDE, SPACING):
         (other, other_facing, *_, other_valid), other_normal = moved[0], moved[0, 2:5]
         alike = (other_normal * normals).sum(0)
         meets = -(other_normal * rays).sum(0)
@@ -66,7 +65,10 @@ def corrected_disparity(disparity: np.ndarray, normal: np.ndarray, rig: StereoRi
 
 
 class PlaneCorrected:
-    """The `lite` of docs/results/methods.md, whose normals correct its depth."""
+    """The `lite` of docs/results/methods.md, whose normals correct its depth.
+
+    It runs in what `--runtime auto` chooses: give score_manifest.py no other.
+    """
 
     files = WEIGHTS
 

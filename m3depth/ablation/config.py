@@ -56,8 +56,8 @@ class AblateOptions:
     parts at the widths of lite. Rows without a part that the preset lacks are left out.
     """
     recipe: Recipe = "own"
-    """How all runs are trained: own is as m3depth.train does by itself; paper sets what its --recipe paper sets, but
-    for --batch and --crop.
+    """Recipe by which all runs are trained: own is that of the defaults of m3depth.train, paper that of its --recipe
+    paper, but with the --batch and --crop given here.
     """
     seeds: tuple[int, ...] = (0,)
     """Seeds that every run is repeated with. Tables show means over them. To add seeds later in the same

@@ -38,7 +38,10 @@ class Variant:
 
     def resolved(self, preset: str, recipe: Recipe = "own") -> tuple[M3DepthConfig, LossConfig]:
         """Return the network and the loss that are trained with a preset and a recipe of m3depth.train."""
-        return replace(PRESETS[preset], **self.network), replace(RECIPES[recipe].loss, **self.loss)
+        loss = replace(RECIPES[recipe].loss, **self.loss)
+        if loss.depth:  # this error has no relative term
+            loss = replace(loss, relative=LossConfig().relative)
+        return replace(PRESETS[preset], **self.network), loss
 
 
 @dataclass(frozen=True)
@@ -268,7 +271,7 @@ def without_repeats(study: Study, preset: str, recipe: Recipe = "own") -> Study:
     Args:
         study: The study.
         preset: "lite", "paper" or "paper-thin".
-        recipe: That of the trainings.
+        recipe: "own" or "paper", by which all runs are trained.
     """
     resolved = [row.variant.resolved(preset, recipe) for row in study.rows]
     kept = list(dict.fromkeys(resolved))
@@ -293,7 +296,7 @@ def distinct(studies: Iterable[Study], preset: str, recipe: Recipe = "own") -> d
     Args:
         studies: The studies, whose rows name the variants.
         preset: "lite", "paper" or "paper-thin".
-        recipe: That of the trainings.
+        recipe: "own" or "paper", by which all runs are trained.
     """
     first = {BASE.resolved(preset, recipe): BASE}
     rows = (row for study in studies for row in study.rows)

@@ -60,7 +60,8 @@ def infer_pair(
     if align:
         right, _ = align_rows(left, right, rig)
     height, width = left.shape[:2]
-    rig = without_tiny_sides(rig)
+    if (whole := padded_rig(rig)) is not rig:
+        rig, max_pixels = whole, None  # no fewer pixels than the image has
     missing = 0, rig.camera.height - height, 0, rig.camera.width - width
     pair = [cv2.copyMakeBorder(in_colour(x), *missing, cv2.BORDER_REPLICATE) for x in (left, right)]
     nearest = NEAREST if nearest is None else nearest
@@ -75,8 +76,8 @@ def infer_pair(
     return Prediction(depth, disparity, normal, confidence)
 
 
-def without_tiny_sides(rig: StereoRig) -> StereoRig:
-    """Return the cameras of a pair to which rows below and columns at the right are added if it is tiny, else `rig`."""
+def padded_rig(rig: StereoRig) -> StereoRig:
+    """Return the cameras of a pair after tiny images are padded below and at the right; `rig` if they are not tiny."""
     if max(rig.camera.height, rig.camera.width) > TINY:
         return rig
     return replace(rig, camera=replace(rig.camera, height=2 * TINY, width=2 * TINY))

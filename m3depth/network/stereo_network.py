@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from m3depth.network.device import autocast, fast_dtype
-from m3depth.network.inference import infer_pair, without_tiny_sides
+from m3depth.network.inference import infer_pair, padded_rig
 from m3depth.network.output import GridMap
 from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.weights.storage import save_weights
@@ -118,10 +118,10 @@ class StereoNetwork(nn.Module):
     ) -> Prediction:  # fmt: skip
         """Estimate the maps of one rectified pair, at the input's size.
 
-        Where `nearest` is a larger disparity than the network's search reaches (192 px), the disparities are found in a
-        reduced pair. A network that goes on from there refines them at the images' own size; for images hardly larger
-        than the reduced ones (by less than the factor inference.LEAST_GAIN), and by other networks, the maps of the
-        reduced pair are enlarged instead.
+        Where the disparity of `nearest`, or the width of the images if that is less, is beyond the reach of the
+        network's search (192 px), the disparities are found in a reduced pair. A network that goes on from there
+        refines them at the images' own size; for images hardly larger than the reduced ones (by less than the factor
+        inference.LEAST_GAIN), and by other networks, the maps of the reduced pair are enlarged instead.
 
         Args:
             left, right: (H, W) or (H, W, 3) uint8, RGB.
@@ -161,7 +161,7 @@ class StereoNetwork(nn.Module):
             The maps in the order of the steps, at the input's size.
         """
         maps: list[StepMap] = []
-        camera = without_tiny_sides(rig).camera
+        camera = padded_rig(rig).camera
 
         def run(*inputs: Any) -> Any:
             output = self._forward(*inputs)

@@ -104,7 +104,7 @@ class PredictOptions:
     is installed and the device is the CPU, and else pytorch."""
     nearest: float | None = None
     """Nearest depth [m] in view, 0.01 to 1000 and 0.84 by default, for M3Depth or a class whose infer takes it. M3Depth
-    finds up to 192 px of disparity, first in reduced images where this depth has more."""
+    finds up to 192 px of disparity, first in reduced images where this depth, or the images' width, has more."""
     max_pixels: int | None = None
     """Largest number of pixels of an image, 2048 or more, that the network works on, for M3Depth or a class whose infer
     takes it. Larger images are reduced to it, which saves time and memory and loses detail; the maps have the images'

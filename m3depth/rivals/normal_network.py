@@ -21,9 +21,9 @@ from torch import Tensor
 
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.geometry import MIN_DISPARITY, facing_normals, pixel_rays, unit
-from m3depth.network.inference import infer_pair
+from m3depth.network.inference import infer_pair, padded_rig
 from m3depth.network.model import M3Depth
-from m3depth.network.output import padded
+from m3depth.network.output import fitted, padded
 from m3depth.rivals.config import NormalConfig
 from m3depth.rivals.output import Truth, mean_over
 from m3depth.rivals.rival import Rival
@@ -273,9 +273,10 @@ class TrueDepthEstimator:
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
         """Return the true depth with the method's normals; arguments as of Estimator.infer."""
         device = next(self.network.parameters()).device
+        size = padded_rig(rig).camera
 
         def run(left: Tensor, right: Tensor, camera: Tensor, start: Any) -> NormalOutput:
-            truth = self.disparity[None, None].to(device)
+            truth = fitted(self.disparity[None, None].to(device), size.height, size.width)
             scale = left.shape[-1] / truth.shape[-1]
             truth = F.interpolate(truth, left.shape[-2:], mode="nearest-exact") * scale
             with autocast(device, fast_dtype(device)):

@@ -1,7 +1,7 @@
 """M3Depth run by OpenVINO on the CPU.
 
 A graph holds the scores of all pairs of pixels of a row at once, whose number grows with the cube of the image's side.
-PyTorch runs the network's lookups row band by row band. So it also runs the passes over large images here.
+PyTorch runs the network's lookups row band by row band. So it also runs the passes over large and wide images here.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 
 NEAREST = 0.84  # [m] shortest depth at which every method searches for matches; 192 px for NaTeCam
 MAX_DISPARITY = 192.0  # [px] pixels of larger disparity are not trained, and are scored apart
-TINY = 32  # [px] images of at most this height and width are enlarged: M3Depth's first maps are wrong on 4 x 4 cells
+TINY = 32  # [px] images of at most this height and width are padded: M3Depth's first maps are wrong on 4 x 4 cells
 LEAST_PIXELS = 2048  # of a pair that is reduced: none is tiny then
 LARGEST_SIDE = (1 << 15) - 2  # [px] of images that OpenCV resamples
 

@@ -48,7 +48,8 @@ class PackedSample(NamedTuple):
 def reduction_of(rig: StereoRig) -> int:
     """Return the factor by which pairs of a rig are reduced, in training, for the cost volume: 1, 2 or 4.
 
-    It ends at 4, beyond which the network takes two steps; larger disparities are then not trained.
+    It ends at 4, beyond which the network takes two steps; larger disparities are then not trained. Unlike infer, it
+    does not regard the images' width, which is less than the disparity of NEAREST for long baselines alone.
     """
     factor = 1
     while factor < FARTHEST_STEP and rig.fb / NEAREST > REDUCED * factor * MAX_DISPARITY:

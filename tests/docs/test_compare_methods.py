@@ -475,19 +475,21 @@ def test_all_tables_of_the_results_are_those_of_the_records_beside_them(
 
 def test_what_the_page_says_of_the_depth_corrected_by_normals_is_that_of_its_records(compare_methods, monkeypatch):
     records = [read_json(WEIGHTS.parent / f"corrected/lite{more}.json") for more in ("", ", corrected by its normals")]
-    monkeypatch.setattr(compare_methods, "COLUMNS", {"abs_rel": ""})
     text = " ".join((ROOT / "docs/results/methods.md").read_text(encoding="utf-8").split())
-    for name, words in (
-        ("clean", "on clean pairs (95 % interval"),
-        ("degraded", "on degraded pairs ("),
-        ("sun10", "at low sun ("),
+    visible = sys.modules["method_records"].VISIBLE
+    monkeypatch.setattr(compare_methods, "COLUMNS", {"abs_rel": "", visible: ""})
+    for name, said, within in (
+        ("clean", "times as large on clean pairs", "95 % interval "),
+        ("degraded", "times on degraded pairs", ""),
+        ("sun10", "times at low sun", ""),
     ):
         plain, corrected = (record["sets"][name] for record in records)
-        ratio = compare_methods.metrics(corrected, plain)["abs_rel"]
-        low, high = ratio["ratio_interval"]
-        assert re.search(
-            rf"{number(ratio['ratio'])} times (as large )?{re.escape(words)} ?{number(low)} to {number(high)}", text
-        )
+        ratios = compare_methods.metrics(corrected, plain)
+        low, high = ratios["abs_rel"]["ratio_interval"]
+        assert f"{number(ratios['abs_rel']['ratio'])} {said} ({within}{number(low)} to {number(high)})" in text
+        if name == "clean":
+            epe = number(ratios[visible]["ratio"])
+            assert f"non-occluded EPE is {epe} times as large on clean pairs" in text
 
 
 def test_the_page_has_the_digests_of_the_weights_beside_it():

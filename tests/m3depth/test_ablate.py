@@ -112,7 +112,7 @@ def test_all_runs_are_trained_by_the_recipe(tmp_path) -> None:
 
 
 def test_an_ablation_by_the_papers_recipe_says_so_and_is_not_continued_by_another(plane_set, tmp_path, capsys) -> None:
-    out = tmp_path / "letter"
+    out = tmp_path / "paper_recipe"
     arguments = flags(plane_set, out, "--steps", "1", "--studies", "consistency", "--recipe")
     assert main([*arguments, "paper"]) == 0
     assert "Preset `lite`, recipe `paper`. Every run: 1 steps" in capsys.readouterr().out

@@ -46,7 +46,7 @@ def test_no_disparity_is_larger_than_the_width(baseline: float) -> None:
 def test_the_shipped_network_measures_tiny_images_and_long_baselines(
     side: int, baseline: float, max_pixels: int | None
 ) -> None:
-    """Before, disparities were several times the width on images of 4 x 4 cells at 1/8, which are padded now."""
+    """Maps on 4 x 4 cells at 1/8 are wrong, so images of no more are padded."""
     rig = StereoRig(PinholeCamera.centred(side, side, 1.16 * side), baseline)
     prediction = shipped().infer(*slope(rig=rig), rig, max_pixels=max_pixels)
     error = np.abs(prediction.disparity - slope_disparity(rig))[:, side // 4 :]

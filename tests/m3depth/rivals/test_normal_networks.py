@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from plane_pairs import plane_sample
 from small_network import SMALL
 from small_rivals import TINY, train_config
 
@@ -18,14 +19,16 @@ from m3depth.evaluation.report import markdown_report, text_table
 from m3depth.evaluation.scoring import evaluate
 from m3depth.kinds.networks import load_network, new_network
 from m3depth.network.geometry import facing_normals, normals_from_disparity, pixel_rays, unit
+from m3depth.network.inference import working_sizes
 from m3depth.network.model import M3Depth
 from m3depth.rivals.geo_net import disparity_of_planes, planes_of_depth
 from m3depth.rivals.normal_network import NormalInput, NormalOutput, TrainedNormals, normal_error
 from m3depth.rivals.output import Truth
+from m3depth.stereo.pairs import NEAREST
 from m3depth.training.config import check_config
 from m3depth.training.loop import train
 from m3depth.training.run import first_network
-from marssim.base.camera import StereoRig
+from marssim.base.camera import NATECAM, StereoRig
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -224,23 +227,40 @@ def test_true_depth_is_given_in_training_and_evaluation_and_marked_in_tables(pla
     assert [result.results[name]["gets_truth"] for name in ("Fusion", "without")] == [True, False]
     about = {
         "pairs": 1, "split": "test", "data": "planes", "degrade": None, "weights": "", "depth_range_m": (0.5, 15),
-        "max_disparity_px": 192, "versions": {},
+        "max_disparity_px": 192, "runtime": None, "versions": {},
     }  # fmt: skip
     for text in (text_table(result.results), markdown_report(about, result.results, result.true_depth_normals)):
         assert "Fusion, given the true depth" in text and "without, given" not in text
 
 
-def test_true_depth_stays_what_it_is_where_a_pair_is_reduced(plane_samples) -> None:
+def test_true_depth_stays_what_it_is_where_a_pair_is_reduced() -> None:
     network = new_network(replace(TINY["fusion"], true_depth=True)).eval()
-    sample = plane_samples[0]
-    near = StereoRig(sample.rig.camera, 6.0)  # disparities far beyond the search
+    sample = plane_sample(0, 96, 288, 800.0)
+    near = StereoRig(sample.rig.camera, 6.0)
     disparity = near.depth_to_disparity(sample.depth)
     disparity[:5], disparity[7] = np.nan, 0
+    assert working_sizes(near, network.reach, NEAREST)[0] == (64, 192)
     given = network.with_truth(disparity).infer(sample.left, sample.right, near)
-    assert np.nanmax(disparity) > 1.5 * network.reach
     np.testing.assert_array_equal(given.disparity, disparity)
     np.testing.assert_allclose(given.depth[8:], sample.depth[8:], rtol=1e-5)
     assert np.isnan(given.depth[:5]).all() and np.isposinf(given.depth[7]).all()
+
+
+def test_true_depth_of_a_tiny_pair_is_padded_as_its_images_are(monkeypatch) -> None:
+    network, rig = new_network(replace(TINY["fusion"], true_depth=True)).eval(), NATECAM.resized(32, 24)
+    disparity = np.linspace(2, 9, 24, dtype=np.float32)[:, None].repeat(32, 1)
+    seen: list[np.ndarray] = []
+    plain = network.forward
+
+    def noted(left, right, camera, truth):
+        seen.append(truth[0, 0].numpy())
+        return plain(left, right, camera, truth)
+
+    monkeypatch.setattr(network, "forward", noted)
+    image = np.zeros((24, 32, 3), np.uint8)
+    given = network.with_truth(disparity).infer(image, image, rig)
+    assert seen[0].shape == (64, 64) and given.normal.shape == (24, 32, 3)
+    np.testing.assert_array_equal(seen[0][:24, :32], disparity)
 
 
 def test_the_search_of_a_method_for_normals_ends_where_that_of_its_depth_does(tmp_path) -> None:

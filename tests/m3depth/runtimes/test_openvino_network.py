@@ -105,7 +105,7 @@ def test_passes_over_large_images_run_in_pytorch(small_network, monkeypatch, pre
 
 
 def test_passes_over_wide_images_run_in_pytorch(small_network, monkeypatch):
-    """They have more scores than their pixels let expect."""
+    """They have more scores than others of as many pixels."""
     monkeypatch.setattr("m3depth.network.stereo_network.fast_dtype", lambda device: None)
     monkeypatch.setattr("m3depth.runtimes.openvino_network.LARGEST_SCORES", 16 * 100**2)
     fast = OpenVinoM3Depth(small_network(), FP32)
