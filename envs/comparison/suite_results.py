@@ -147,8 +147,10 @@ def _asked(head: Mapping[str, Any]) -> set[Key]:
         head: The suite in the file, with conditions, courses and shard.
 
     Raises:
-        ValueError: The shard is not I/N.
+        ValueError: The shard is not I/N, or a condition is listed twice.
     """
+    if len(set(head["conditions"])) < len(head["conditions"]):
+        raise ValueError(f"conditions must differ, got {', '.join(head['conditions'])}")
     part, parts = shard_of(head.get("shard"))
     episodes = product(range(head["courses"]), head["conditions"])  # in the order of EvaluateConfig.tasks
     return {(condition, course) for course, condition in islice(episodes, part, None, parts)}
@@ -180,8 +182,9 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     least = apart - GOAL_RADIUS - AIR  # not by the shortest path: a rover may get through steep ground or a ditch
     if episode["success"] and episode["path_length"] < least:
         return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
-    if episode["outcome"] == "collision" and episode["min_clearance"] > TOUCH:
-        return f"min_clearance must be at most {TOUCH:g} m for a collision, got {episode['min_clearance']:g}"
+    clearance = episode.get("min_clearance")
+    if episode["outcome"] == "collision" and (clearance is None or clearance > TOUCH):
+        return f"min_clearance must be at most {TOUCH:g} m for a collision, got {clearance}"
     side = suite.conditions[episode["condition"]].get("image_pixels", EyesConfig.image_pixels)
     return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode, side**2)
 

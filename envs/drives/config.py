@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -42,6 +43,7 @@ CONDITION_HELP = (
 )
 GRID_K = (0.033, 0.07, 0.10, 0.15, 0.20)  # rock abundances of --grid
 GRID_SLOPE_DEG = (0.0, 5.0, 10.0, 15.0)  # [deg] slopes of --grid
+SHARD = re.compile(r"([0-9]{1,9})/([0-9]{1,9})")  # of --shard
 
 
 @dataclass(frozen=True)
@@ -323,14 +325,14 @@ def shard_of(shard: str | None) -> tuple[int, int]:
     """Return which part of how many --shard names, the first being 0; (0, 1) for None.
 
     Raises:
-        ValueError: It is not I/N with 1 <= I <= N.
+        ValueError: It is not I/N with 1 <= I <= N and at most nine digits each.
     """
     if shard is None:
         return 0, 1
-    part, slash, parts = shard.partition("/")
-    if not slash or not part.isdecimal() or not parts.isdecimal() or not 1 <= int(part) <= int(parts):
-        raise ValueError(f"shard must be I/N, such as 2/8 for the second part of eight, got {shard!r}")
-    return int(part) - 1, int(parts)
+    matched = SHARD.fullmatch(shard)
+    if matched is None or not 1 <= int(matched[1]) <= int(matched[2]):
+        raise ValueError(f"shard must be I/N, such as 2/8 for the second part of eight, got {shard!r:.60}")
+    return int(matched[1]) - 1, int(matched[2])
 
 
 def _plain(words: str) -> str:

@@ -35,8 +35,9 @@ class EyesConfig:
     """Width and height of the depth that ground_truth reads [px], a multiple of 64 up to 2048, or 0 for those of the
     images. Left out: 128, which is enough to drive, and fast; in envs.evaluate 0, where other perceptions drive too."""
     lens_dust: float = 0.0
-    """Share of the light that dust on the windows of the cameras takes away, 0 to 0.8. Each camera has specks of its
-    own, which stay for the drive, and a veil."""
+    """Dust on the windows of the cameras, 0 to 0.8: about the share of the light that it takes away, up to 0.3. The
+    specks are at most 400, so that 0.4 takes away a third, and 0.8 half. Each camera has specks of its own, which stay
+    for the drive, and a veil."""
     lens_glare: float = 0.0
     """Share of the sunlight on the lenses that they scatter into the images, 0 to 1: a veil while the sun stands before
     the cameras, also outside their view."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ def is_valid_mask(path: Path) -> bool:
     if not path.stem.endswith(VALID):
         return False
     stem = path.stem.removesuffix(VALID)
-    return any(file.stem == stem for file in path.parent.glob(f"{stem}.*"))
+    return any(file.stem == stem for file in path.parent.glob(f"{escape(stem)}.*"))
 
 
 def valid_mask(image: Path) -> Path:

@@ -8,6 +8,7 @@ differ between the eyes.
 from __future__ import annotations
 
 import re
+from glob import escape
 from pathlib import Path
 
 SUFFIXES = (".img", ".vic", ".red", ".lbl", ".xml")  # of products, and of their detached labels
@@ -24,7 +25,7 @@ def is_product(path: Path) -> bool:
 
 def label_beside(path: Path) -> Path | None:
     """Return the label in a file of its own beside a product; None if there is none."""
-    others = (file for file in path.parent.glob(f"{path.stem}.*") if file.suffix.lower() in (".lbl", ".xml"))
+    others = (file for file in path.parent.glob(f"{escape(path.stem)}.*") if file.suffix.lower() in (".lbl", ".xml"))
     return next((file for file in sorted(others) if file != path), None)
 
 

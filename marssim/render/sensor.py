@@ -80,8 +80,9 @@ class SensorConfig:
     """Residual error of rectification: how far the right image lies too far right [px], LOW HIGH, -10 to 10, as if the
     cameras were not quite parallel. Depth that is computed as f B / disparity is then wrong."""
     dust: Range = (0.0, 0.0)
-    """Share of the light that dust on the windows of the cameras takes away, LOW HIGH, 0 to 0.8. Each camera has soft
-    specks of its own and a veil, which also add scattered light. A drive keeps its specks."""
+    """Dust on the windows of the cameras, LOW HIGH, 0 to 0.8: about the share of the light that it takes away, up to
+    0.3; 0.4 takes away a third, and 0.8 half. Each camera has soft specks of its own and a veil, which also add
+    scattered light. A drive keeps its specks."""
     motion_blur: Range = (0.0, 0.0)
     """How far both images move during the exposure [px], LOW HIGH, 0 to 50."""
     motion_direction_deg: Range = (0.0, 180.0)

@@ -156,7 +156,8 @@ def _from_json(text: str) -> Calibration | None:
         )
     rig = StereoRig.from_dict(content)
     c = rig.camera
-    shift = float(fields.matrix(data, "shift", (1,))[0]) if "shift" in data else 0.0
+    nested = "shift" not in data and "shift" in content
+    shift = float(fields.matrix(content if nested else data, "shift", (1,))[0]) if nested or "shift" in data else 0.0
     return Calibration(c.fx, c.fy, c.cx, c.cy, rig.baseline, shift, (c.width, c.height))
 
 

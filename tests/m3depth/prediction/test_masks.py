@@ -74,6 +74,8 @@ def test_masks_of_the_user_and_of_rectify_add_up(tmp_path):
     assert valid.sum() == 6 * 5 and not valid[0].any() and not valid[:, :2].any()
     assert is_valid_mask(tmp_path / "a_valid.png") and not is_valid_mask(image)
     assert not is_valid_mask(tmp_path / "b_valid.png")
+    cv2.imwrite(str(tmp_path / "c[0].png"), own)
+    assert is_valid_mask(tmp_path / "c[0]_valid.png")
     with pytest.raises(ValueError, match=r"mask.png: is 8 x 6, its image is 9 x 6"):
         read_valid(image, tmp_path / "mask.png", (6, 9))
 

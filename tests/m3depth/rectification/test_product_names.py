@@ -2,7 +2,7 @@
 
 import pytest
 
-from m3depth.rectification.product_names import right_of
+from m3depth.rectification.product_names import label_beside, right_of
 
 NAVCAM = "NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG"
 MASTCAM = "ZL0_0711_0730054943_723RAD_N0332864ZCAM03014_048085A02.IMG"
@@ -34,3 +34,9 @@ def test_another_version_of_the_right_product(tmp_path):
 def test_none(tmp_path, name, says):
     with pytest.raises(FileNotFoundError, match=says):
         right_of(tmp_path / name)
+
+
+def test_the_label_beside_a_product_has_its_name_whatever_its_signs(tmp_path) -> None:
+    for name in ("x[1].img", "x[1].lbl", "x1.lbl"):
+        (tmp_path / name).touch()
+    assert label_beside(tmp_path / "x[1].img") == tmp_path / "x[1].lbl"

@@ -111,6 +111,8 @@ def test_the_right_eye_is_moved_by_the_difference_of_the_principal_points():
 
 
 def test_a_rig_file_of_the_simulator(tmp_path):
+    parsed = read_calibration(write(tmp_path / "rig.json", json.dumps({"rig": {**NATECAM.to_dict(), "shift": 30}})))
+    assert parsed.shift == 30
     parsed = read_calibration(write(tmp_path / "rig.json", json.dumps(NATECAM.to_dict())))
     assert parsed.rig(512, 512) == NATECAM and parsed.size == (512, 512)
 
