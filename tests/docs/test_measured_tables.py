@@ -195,3 +195,22 @@ def test_what_the_page_counts_on_test_is_in_the_files() -> None:
     counts = tuple(hits.count(method) for method in ("m3depth", "sgbm", "ground_truth"))
     readme = (ROOT.parents[1] / "README.md").read_text()
     assert "Collisions: M3Depth {}, SGBM {}, true depth {}.".format(*counts) in readme
+
+
+def test_the_drives_of_learned_networks_over_smooth_dust_are_those_of_their_files() -> None:
+    names = {"ground_truth": "true depth", "m3depth": "M3Depth", "sgbm": "SGBM"}
+    table_rows = rows("marsnav-v1.md", "### Learned networks over smooth dust\n")
+    courses = {0, 1, 2, 10, 11, 12}
+    drives: dict[str, list[dict]] = {row[0]: [] for row in table_rows}
+    files = [*(ROOT / "marsnav-v1").glob("rival-*.json"), *(ROOT / "marsnav-v1").glob("test-*-of-140.json")]
+    for drive in (drive for file in files for drive in json.loads(file.read_text())["episodes"]):
+        name = names.get(drive["perception"], Path(drive["perception"]).stem)
+        if name in drives and drive["condition"] == "smooth_dust" and drive["course"] in courses:
+            drives[name].append(drive)
+    for name, count, goals, others in table_rows:
+        of_method = drives[name]
+        reached, spl = sum(drive["success"] for drive in of_method), np.mean([drive["spl"] for drive in of_method])
+        assert count == str(len(of_method)) and len({drive["course"] for drive in of_method}) == len(of_method)
+        assert goals == f"{reached} of {len(of_method)}, {spl:.2f}".replace(" 0.", " .")
+        ended = [drive["outcome"].replace("_", " ") for drive in of_method if not drive["success"]]
+        assert others == (", ".join(f"{ended.count(name)} {name}" for name in sorted(set(ended))) or "-")
