@@ -32,7 +32,7 @@ values. The command writes into RESULT, or for many pairs into a folder of each 
     normal.png         uint16, red right, green up, blue to the camera: red is (1 + x) / 2 times 65535; black: none
     confidence.npy     float32, 0 to 1; 0: unknown
     confidence.png     uint16, confidence times 65535
-    left_right.npy     float32 [px], with --left-right: difference of both eyes' disparities; NaN: seen by one eye alone
+    left_right.npy     float32 [px], with --left-right: difference of both eyes' disparities; NaN: not compared
     cloud.ply          coloured points [m], camera frame, without points that hang between two surfaces
     figure.png         image, depth, normals and confidence; grey: sky, or farther than the scale; black: unknown
     steps.png          with --steps: depth after each refinement step, and what the step changed
@@ -170,7 +170,7 @@ def _summary(result: PairPrediction, points: int | None) -> str:
     if result.compared == 0:
         return line
     share = 100 * result.agreeing / result.compared
-    return f"{line}; the eyes agree within {AGREEMENT:g} px on {share:.1f} % of what both see"
+    return f"{line}; the eyes agree within {AGREEMENT:g} px on {share:.1f} % of what is compared"
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -374,7 +374,7 @@ def test_pixels_that_the_other_eye_contradicts_lose_their_confidence(plane_sampl
              "--estimator", "sgbm", "--out", str(tmp_path / "out")]  # fmt: skip
     assert main([*flags, "--left-right"]) == 0
     printed = capsys.readouterr().out
-    share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what both see", printed)[1])
+    share = float(re.search(r"the eyes agree within 1 px on ([\d.]+) % of what is compared", printed)[1])
     difference, confidence = (np.load(tmp_path / "out" / f"{name}.npy") for name in ("left_right", "confidence"))
     record = json.loads((tmp_path / "out/prediction.json").read_text())
     assert record["eyes_agree_share"] == pytest.approx(share / 100, abs=1e-3)
