@@ -214,3 +214,23 @@ def test_the_drives_of_learned_networks_over_smooth_dust_are_those_of_their_file
         assert goals == f"{reached} of {len(of_method)}, {spl:.2f}".replace(" 0.", " .")
         ended = [drive["outcome"].replace("_", " ") for drive in of_method if not drive["success"]]
         assert others == (", ".join(f"{ended.count(name)} {name}" for name in sorted(set(ended))) or "-")
+
+
+def test_the_scores_at_512_and_2048_pixels_are_those_of_their_files() -> None:
+    labels = {"M3Depth lite": "M3Depth", "M3Depth, weights of 0.1.0": "release_0.1", "SGBM, filled": "SGBM"}
+    labels["SGBM-HH, filled"] = "SGBM-HH"
+    sets = {"clean": "clean", "degraded": "degraded", "sun at 10 deg": "sun10"}
+    both, clean = (json.loads((ROOT / f"depth/{name}.json").read_text())["parts"] for name in ("all_512", "clean"))
+    checked = 0
+    for pairs, label, *cells in rows("depth.md", "## On unseen scenes\n"):
+        size, name = pairs.split(" px, ")
+        if name not in sets or size == "1024":
+            continue
+        parts = both if size == "512" and labels[label.strip("*")] in both[size][sets[name]]["depth"] else clean
+        scores = parts[size][sets[name]]["depth"][labels[label.strip("*")]]
+        value = {key: scores[key]["value"] for key in ("abs_rel", "epe_visible", "bad1")}
+        angles = [f"{scores[key]['value']:.1f} deg" for key in ("normal", "normal_rock", "normal_slab")]
+        errors = [f"{value['abs_rel']:.4f}", f"{value['epe_visible']:.3f}", f"{100 * value['bad1']:.1f} %"]
+        assert cells == [*errors, *angles]
+        checked += 1
+    assert checked == 4 + 4 + 3 + 3
