@@ -234,3 +234,28 @@ def test_the_scores_at_512_and_2048_pixels_are_those_of_their_files() -> None:
         assert cells == [*errors, *angles]
         checked += 1
     assert checked == 4 + 4 + 3 + 3
+
+
+def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
+    scores = json.loads((ROOT / "depth/rows.json").read_text())
+    kinds = {"clean": "clean", "sun at 10 deg": "sun", "image faults": "faults"}
+    turns = {
+        "0.2 px and 0.02 deg": "small",
+        "0.7 px and 0.07 deg": "mid",
+        "1 px": "one",
+        "up to 1 px and 0.1 deg": "upto",
+    }
+    table_rows = rows("depth.md", "## Rows that lie apart\n")
+    assert len(table_rows) == 9
+    for kind, turn, method, *cells in table_rows:
+        name = f"{kinds[kind]}-{turns[turn]}"
+        mean = "median" if kind == "image faults" else "mean"
+        together, *others = (
+            [scores[part]["methods"][method][mean][error] for error in ("abs_rel", "epe")]
+            for part in (f"{kinds[kind]}-together", name, f"{name}-aligned")
+        )
+        texts = [f"{together[0]:.4f} / {together[1]:.3f}"]
+        for abs_rel, epe in others:
+            more = f"{100 * (abs_rel / together[0] - 1):+.0f} %, {100 * (epe / together[1] - 1):+.0f} %"
+            texts.append(f"{abs_rel:.4f} / {epe:.3f} ({more})")
+        assert cells == texts
