@@ -59,10 +59,10 @@ def _share(
     s = s[order]
     hidden = np.zeros((len(x), len(samples)), dtype=np.bool_)
     left_over = np.full(len(x), len(samples), dtype=np.int32)
-    reach = block_reach(bins, s, number)
+    reach, deepest = block_reach(bins, s, number), s.max()
     for piece in range(len(start) - 1):
         left, right, top, bottom, first = box_extent(low[piece], high[piece], view)
-        grow = radius * max(farthest(left, right, top, bottom, grid, reach) - first, 0.0)
+        grow = radius * (deepest - first)
         last = farthest(left - grow, right + grow, top - grow, bottom + grow, grid, reach)
         if not last > first:
             continue

@@ -66,6 +66,14 @@ def test_behind_a_straight_edge_light_grows_as_the_disc_rises(elevation, azimuth
     assert apart[clear & (expected < 0.5) & (expected > 0)] == pytest.approx(distance, rel=0.03)
 
 
+@given(st.floats(1, 40), st.floats(0.3, 30))
+def test_a_points_share_does_not_depend_on_the_points_asked_with_it(elevation, distance):
+    sun, points, _ = below_wall(elevation, 0.0, distance, count=31)
+    visibility, normals = Visibility(box((0, -500, -20), (3, 500, 2)), sun), np.tile(sun, (len(points), 1))
+    alone = [visibility.sun_share(points[[n]], normals[[n]])[0] for n in range(len(points))]
+    assert np.array_equal(visibility.sun_share(points, normals), alone)
+
+
 def test_near_what_casts_it_a_border_is_sharp():
     sun, points, offset = below_wall(30, 10, 0.1)
     points += (0.1 - 0.002) * sun  # 2 mm from the edge, at the same offsets
