@@ -204,6 +204,8 @@ Where the paper cannot be built as printed, or leaves a size open, this is done 
    their gradient, as in RAFT: the text does not say, and each step then learns to correct what it is given.
 9. There are two outputs more than the paper's, confidence and sky: a rover has to know where depth is missing.
 10. Its loss, optimizer and rates are those of m3depth.train, as for `lite`, unless --recipe paper is given.
+11. Normals of a result that face away from the camera are bent until they lie across the line of sight; in training
+   they are not.
 """
 
 PAPER_THIN = replace(

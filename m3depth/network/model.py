@@ -155,7 +155,10 @@ class M3Depth(StereoNetwork):
         count = self.config.refine_steps if start is None else self.config.finer_steps
         maps, steps = self._refine(features, left8, first, camera, count, call)
         maps = maps[..., :height, :width]
-        normal = by_rows(facing_normals, maps[:, 1:4], pixel_rays(camera, height, width))
+        if self.training:  # one that faces away would hardly have a gradient
+            normal = unit(maps[:, 1:4])
+        else:
+            normal = by_rows(facing_normals, maps[:, 1:4], pixel_rays(camera, height, width))
         initial = None if start is not None else unpadded(first[:2], height, width, first.cell)
         steps = [unpadded(step, height, width, CELL) for step in steps]
         context = first.context

@@ -89,7 +89,8 @@ class ConvGRU(nn.Module):
 
     z, r = sigmoid(W [H_t, x] + c), q = tanh(W_q [r H_t, x] + c_q), H_t+1 = (1 - z) H_t + z q.
 
-    x is computed from D_t and N_t; c and c_q, which the context H_0 adds to the gates, are computed once.
+    x is computed from D_t and N_t. c and c_q are computed once, from the left features from which H_0 comes too, as in
+    RAFT; H_0 itself is the first state.
 
     Args:
         hidden: Channels of the state.
@@ -181,7 +182,7 @@ class RefinementStep(nn.Module):
 
         Args:
             hidden: H_t, (B, hidden, H, W).
-            context: (B, 3 hidden, H, W), which H_0 adds to the gates.
+            context: (B, 3 hidden, H, W), c and c_q of ConvGRU.
             first: H_0, (B, hidden, H, W).
             disparity: D_t, (B, 1, H, W) [px of the full-size image].
             normal: N_t, (B, 3, H, W).

@@ -50,8 +50,8 @@ class TrainConfig:
     """
     recipe: Recipe = "own"
     """Defaults of the other flags: own are those that this help shows; paper sets --lr 1e-4, --schedule constant,
-    --batch 12, --crop 512 512, --initial normal and --loss.depth, and no augmentation, weight decay, clipping,
-    averaging or weights of pixels. Any other flag still overrides its default.
+    --batch 12, --crop 512 512, --initial normal, --loss.depth, --loss.confidence 1e-4 and --loss.sky 1.5e-4, and no
+    augmentation, weight decay, clipping, averaging or weights of pixels. Any other flag still overrides its default.
     """
     max_minutes: float | None = None
     """Time budget [min], above 0; a resumed run counts the time that it has spent before.
@@ -122,9 +122,13 @@ class TrainConfig:
     """Device that trains: auto is a GPU if there is one, else the CPU."""
 
 
-PAPER_LOSS = LossConfig(depth=True, rock=1.0, edge=1.0, one_eye=1.0, rover=1.0, sky_disparity=0.0)
-"""The paper's loss (Sec. V-A). The two decisions that its network does not have, of the sky and of the confidence, are
-trained as without --recipe paper, since evaluation needs them.
+PAPER_LOSS = LossConfig(
+    depth=True, rock=1.0, edge=1.0, one_eye=1.0, rover=1.0, sky_disparity=0.0, confidence=1e-4, sky=1.5e-4,
+)  # fmt: skip
+"""The paper's loss (Sec. V-A), and the two decisions that its network does not have, of the sky and of the confidence,
+since evaluation needs them. Depth over 15 m makes L_d some 2000 times smaller than it is in pixels, and so are the
+weights of the decisions, or they would train the parts that they share with the depth. Adam trains their own layers all
+the same: it does not see the scale of a gradient.
 """
 NO_CHANGES = AugmentConfig(
     contrast=1.0, brightness=0.0, gamma=0.0, eye_gain=0.0, noise=0.0, blur=0.0, grey=0.0, vertical=0.0, occlude=0.0,
@@ -136,6 +140,9 @@ PAPER = TrainConfig(
 )  # fmt: skip
 """The defaults of --recipe paper (Sec. V-B). The paper names neither crops nor clipping nor averaged weights."""
 RECIPES: dict[Recipe, TrainConfig] = {"own": TrainConfig(data=tyro.MISSING, out=tyro.MISSING), "paper": PAPER}
+"""The defaults of each --recipe; in Python, replace(RECIPES["paper"], data=..., out=...). Alone, the field `recipe`
+changes nothing.
+"""
 
 
 def recipe_defaults(args: Sequence[str]) -> TrainConfig | None:

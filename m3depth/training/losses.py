@@ -1,7 +1,7 @@
 """Training losses (paper, Sec. V-A): L = lambda_d L_d + lambda_n L_n + lambda_c L_c, and two decisions.
 
 L_d is a Huber loss on disparity in pixels, plus a share relative to the true disparity, which is the relative error of
-depth. (Depth from disparity is hyperbolic: one unit of depth / 15 m would be 1 px at 15 m and 320 px at 0.5 m.) L_n is
+depth. (Depth from disparity is hyperbolic: an error of 1 px is 900 times as large in depth at 15 m as at 0.5 m.) L_n is
 a Huber loss on the difference of unit vectors. L_c compares gradients of disparity, px per px. In these units the three
 terms of a half-trained network are of similar size under the paper's lambdas 2, 1, 3.
 
@@ -67,8 +67,9 @@ def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> t
 
     Returns:
         (B, 2, H, W) residuals [px / px].
-        (B, 1, H, W) bool, False where the surface is seen at a grazing angle (|n . r| / |r| under 0.05: level ground at
-        24 m from a height of 1.2 m) or the Sobel window leaves the image.
+        (B, 1, H, W) bool, False where the normal faces away from the camera, or says that the surface is seen at a
+        grazing angle (-(n . r) / |r| under 0.05: level ground at 24 m from a height of 1.2 m), and where the Sobel
+        window leaves the image.
     """
     growth, usable = _growth(normal, camera)
     return -disparity * growth - sobel(disparity), usable
@@ -77,17 +78,24 @@ def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> t
 def depth_consistency_residual(depth: Tensor, normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
     """Return consistency_residual of a depth map, (B, 1, H, W) in any unit, as the paper has it.
 
-    Depth is not affine on a plane: its Sobel gradient is right to second order.
+    Depth is not affine on a plane: its Sobel gradient is right to second order. As in the paper, normals that face away
+    count like their opposites.
     """
-    growth, usable = _growth(normal, camera)
+    growth, usable = _growth(normal, camera, both_sides=True)
     return depth * growth - sobel(depth), usable
 
 
-def _growth(normal: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
-    """Return by which share of itself depth grows from pixel to pixel, (B, 2, H, W), and where this can be used."""
+def _growth(normal: Tensor, camera: Tensor, both_sides: bool = False) -> tuple[Tensor, Tensor]:
+    """Return by which share of itself depth grows from pixel to pixel, (B, 2, H, W), and where this can be used.
+
+    Args:
+        normal: (B, 3, H, W), unit length.
+        camera: (B, 4).
+        both_sides: Whether it can be used where the normal faces away from the camera.
+    """
     rays = pixel_rays(camera, normal.shape[-2], normal.shape[-1])
     facing = -(normal * rays).sum(1, keepdim=True)  # -(n . r), positive towards the camera
-    not_grazing = facing > 0.05 * rays.square().sum(1, keepdim=True).sqrt()
+    not_grazing = (facing.abs() if both_sides else facing) > 0.05 * rays.square().sum(1, keepdim=True).sqrt()
     inside = torch.zeros_like(not_grazing)
     inside[..., 1:-1, 1:-1] = True
     return normal[:, :2] / camera[:, :2, None, None] / torch.where(not_grazing, facing, 1.0), not_grazing & inside

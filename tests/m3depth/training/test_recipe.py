@@ -10,12 +10,13 @@ from small_rivals import TINY, train_config
 
 from m3depth.kinds.networks import draw_normal, new_network
 from m3depth.network.config import PRESETS
+from m3depth.network.geometry import pixel_rays
 from m3depth.network.output import StereoOutput
 from m3depth.training.batch import Target
 from m3depth.training.config import PAPER, PAPER_LOSS, TrainConfig, in_steps, recipe_defaults
 from m3depth.training.loop import train
 from m3depth.training.loss_config import LossConfig
-from m3depth.training.losses import disparity_loss, total_loss
+from m3depth.training.losses import confidence_loss, disparity_loss, sky_loss, total_loss
 from m3depth.training.run import Run, learning_rate
 from marssim.base.command.flags import parse
 
@@ -103,6 +104,43 @@ def test_what_lies_beyond_15_m_has_no_loss() -> None:
     _, near, _ = wall(6 + 0.06 * torch.arange(24.0).expand(16, 24))
     turned = torch.tensor([0.0, 0.8, -0.6])[None, :, None, None].expand_as(beyond.normal)
     assert paper_terms(beyond, near, turned) == dict.fromkeys(PAPER_TERMS, 0)
+
+
+def test_consistency_with_depth_is_that_of_normals_turned_round() -> None:
+    target, receding, facing = wall(6 + 0.06 * torch.arange(24.0).expand(16, 24))
+    expected = paper_terms(target, receding, facing)["consistency"]
+    assert paper_terms(target, receding, -facing)["consistency"] == pytest.approx(expected) and expected > 0
+
+
+def test_sky_and_confidence_hardly_move_what_they_share_with_the_depth() -> None:
+    torch.manual_seed(0)
+    network = new_network(replace(PRESETS["paper-thin"], hidden=8, channels=(4, 8, 16), groups=4, volume_width=4))
+    draw_normal(network)
+    target = make_target(64, 128)
+    output = network(torch.rand(1, 3, 64, 128), torch.rand(1, 3, 64, 128), target.camera)
+    decisions = PAPER_LOSS.confidence * confidence_loss(output, target)
+    decisions = decisions + PAPER_LOSS.sky * sky_loss(output, target, torch.ones_like(target.disparity))
+    no_others = replace(PAPER_LOSS, normal=0.0, consistency=0.0, confidence=0.0, sky=0.0)
+    depth, _ = total_loss(output, target, no_others)
+    pulls = [gradient_norm(loss, network.backbone) for loss in (decisions, depth)]
+    assert 0 < pulls[0] < 0.1 * pulls[1]
+
+
+def gradient_norm(loss: torch.Tensor, part: torch.nn.Module) -> float:
+    parameters = [p for p in part.parameters() if p.requires_grad]
+    gradients = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
+    return float(torch.cat([g.flatten() for g in gradients if g is not None]).norm())
+
+
+def test_a_normal_that_faces_away_is_turned_round() -> None:
+    """Where training bent it towards the camera, as results are, its gradient would nearly vanish."""
+    torch.manual_seed(0)
+    network = new_network(replace(PRESETS["paper-thin"], hidden=8, channels=(4, 8, 16), groups=4, volume_width=4))
+    draw_normal(network)
+    camera, pair = make_target(64, 128).camera, torch.rand(2, 1, 3, 64, 128)
+    rays = pixel_rays(camera, 64, 128)
+    trained, result = ((network.train(mode)(*pair, camera).normal * rays).sum(1) for mode in (True, False))
+    assert (trained > 0.1).float().mean() > 0.05 and (result < 0).all()
 
 
 def test_a_disparity_under_1_px_is_pulled_towards_the_truth_along_the_tangent_of_depth() -> None:
