@@ -165,13 +165,14 @@ class Navigator:
             The command for the next step.
 
         Raises:
-            ValueError: If shapes disagree, goal or pan are not finite, or pose is no rotation and translation.
+            ValueError: If shapes disagree, depth is of integers, confidence exceeds 1, goal is not finite, pan is no
+                angle in [-pi, pi], or pose is no rotation and translation.
         """
         pose, goal = rigid_pose(pose), np.asarray(goal, float)
         if goal.shape not in ((2,), (3,)) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")
-        if not np.isfinite(pan):
-            raise ValueError(f"pan must be a finite angle [rad], got {pan}")
+        if pan is None or not abs(pan) <= np.pi:
+            raise ValueError(f"pan must be an angle in [-pi, pi] rad, got {pan}")
         planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
         self._begin(pose, planar, goal[:2], pan, obeyed)
         ground_visible = between_looks or self._look(depth, confidence, rig, pose, pan)

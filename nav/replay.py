@@ -234,9 +234,10 @@ class ReplayConfig:
         if self.goal is not None and not np.isfinite(self.goal).all():
             raise ValueError(f"--goal must be two finite numbers [m], got {self.goal}")
         x, height, pitch = self.mount or (0.0, 1.0, 0.0)
-        if not (np.isfinite([x, height]).all() and height > 0 and -90 <= pitch <= 90):
+        if not (abs(x) <= 10 and 0 < height <= 10 and -90 <= pitch <= 90):
             raise ValueError(
-                f"--mount must be metres ahead, metres above 0, and -90 to 90 degrees, got {x:g} {height:g} {pitch:g}"
+                "--mount must be metres ahead and above, up to 10, and -90 to 90 degrees, "
+                f"got {x:g} {height:g} {pitch:g}"
             )
 
 

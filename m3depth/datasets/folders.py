@@ -87,7 +87,7 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     wild = {"**/": r"((?:.*/)?)", "*": r"([^/]*)", "?": r"([^/])"}
     form = re.compile("".join(wild.get(part) or re.escape(part) for part in parts))
     files = {}
-    for path in sorted(root.glob(plain) if plain != "." else ()):  # glob takes no "."
+    for path in sorted(root.glob(plain.replace("[", "[[]")) if plain != "." else ()):  # glob takes no "."
         match = form.fullmatch(path.relative_to(root).as_posix())
         if match and path.is_file():
             files[match.groups()] = path
@@ -146,7 +146,8 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
         words = [] if line.lstrip().startswith("#") else line.split()
         if words and len(words) not in counts:
             wanted = "left, right and disparity" if 2 not in counts else "left and right"
-            raise DatasetError(f"{file}, line {number}: expected {wanted}, got {line.strip()!r}")
+            hint = "; paths with spaces need --left and --right" if len(words) > max(counts) else ""
+            raise DatasetError(f"{file}, line {number}: expected {wanted}, got {line.strip()!r}{hint}")
         if words:
             rows.append(words)
     return rows

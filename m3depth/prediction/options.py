@@ -167,9 +167,9 @@ class PredictOptions:
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
             raise ValueError(f"min_confidence must be 0 to 1, got {self.min_confidence:g}")
         x, height, pitch = self.mount or (0.0, 1.0, 0.0)
-        if not (np.isfinite(x) and np.isfinite(height) and height > 0 and -90 <= pitch <= 90):
+        if not (abs(x) <= 10 and 0 < height <= 10 and -90 <= pitch <= 90):
             raise ValueError(
-                f"mount must be metres ahead, metres above 0, and -90 to 90 degrees, got {x:g} {height:g} {pitch:g}"
+                f"mount must be metres ahead and above, up to 10, and -90 to 90 degrees, got {x:g} {height:g} {pitch:g}"
             )
         for count, name, most in ((len(self.calib), "calib", "calibration files"), (len(self.mask), "mask", "masks")):
             if count > 2:

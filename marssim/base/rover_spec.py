@@ -11,10 +11,27 @@ import numpy as np
 
 from marssim.base.pose import look_pose
 
+SHORTEST = 1e-3  # [m] of any length that must not be 0, and of speeds likewise
+LONGEST = 10.0  # [m] of any length, and [m/s] and [rad/s] of any speed
+RIGHT_ANGLE = float(np.pi / 2)
+
+
+def _check(spec: object, least: float, most: float, unit: str, *names: str) -> None:
+    """Raise ValueError that names a field whose value is not finite, or lies outside [least, most]."""
+    for name in names:
+        value = getattr(spec, name)
+        if not least <= value <= most:
+            hint = {"m": "; is it in millimetres?", "rad": "; is it in degrees?"}.get(unit, "") if value > most else ""
+            raise ValueError(f"{name} must lie in [{least:g}, {most:.3g}] {unit}, got {value:g}{hint}")
+
 
 @dataclass(frozen=True)
 class CameraMount:
-    """A mast over the front axle that carries the stereo pair."""
+    """A mast over the front axle that carries the stereo pair.
+
+    Raises:
+        ValueError: A value that no mast has, as one in another unit; the message names the field.
+    """
 
     x: float = 0.65
     """Distance of the pan axis ahead of the body origin [m]."""
@@ -28,6 +45,13 @@ class CameraMount:
     """Largest pan to either side [rad]."""
     pan_rate: float = float(np.deg2rad(30.0))
     """Speed at which the mast turns [rad/s]."""
+
+    def __post_init__(self) -> None:
+        _check(self, -LONGEST, LONGEST, "m", "x", "y")
+        _check(self, SHORTEST, LONGEST, "m", "height")
+        _check(self, -RIGHT_ANGLE, RIGHT_ANGLE, "rad", "pitch")
+        _check(self, 0.0, 2 * RIGHT_ANGLE, "rad", "pan_limit")
+        _check(self, SHORTEST, LONGEST, "rad/s", "pan_rate")
 
     def left_eye(self, baseline: float, pan: float = 0.0) -> np.ndarray:
         """Return the pose of the left camera.
@@ -70,6 +94,9 @@ class RoverSpec:
 
     The driving footprint is length x width, outer wheel edges included. The solar panels do not count: unfolded
     (2.6 m x 3.0 m) they are carried above the rocks.
+
+    Raises:
+        ValueError: A value that no such rover has, as one in another unit; the message names the field.
     """
 
     mass: float = 240.0
@@ -105,6 +132,21 @@ class RoverSpec:
     """Largest torque of a wheel's motor [N m]."""
     mount: CameraMount = field(default_factory=CameraMount)
     """The mast with the cameras."""
+
+    def __post_init__(self) -> None:
+        if len(self.wheel_x) != 3 or not self.wheel_x[0] > self.wheel_x[1] > self.wheel_x[2]:
+            raise ValueError(f"wheel_x must be three axles from front to rear [m], got {self.wheel_x}")
+        if len(self.chassis_size) != 3 or not all(SHORTEST <= side <= LONGEST for side in self.chassis_size):
+            raise ValueError(f"chassis_size must be three lengths up to {LONGEST:g} m, got {self.chassis_size}")
+        _check(self, SHORTEST, LONGEST, "m", "wheel_radius", "wheel_width", "track", "obstacle_height")
+        _check(self, 0.0, LONGEST, "m", "belly_clearance")
+        _check(self, SHORTEST, RIGHT_ANGLE, "rad", "max_slope", "max_tilt")
+        _check(self, 0.0, RIGHT_ANGLE, "rad", "max_steer")
+        _check(self, SHORTEST, LONGEST, "m/s", "max_speed")
+        _check(self, SHORTEST, LONGEST, "rad/s", "max_yaw_rate")
+        for name in ("mass", "max_wheel_speed", "wheel_torque"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be above 0, got {getattr(self, name):g}")
 
     @property
     def length(self) -> float:

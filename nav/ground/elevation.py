@@ -236,14 +236,22 @@ class ElevationMap:
             The number of points used.
 
         Raises:
-            ValueError: If the shapes of depth, confidence and rig disagree, or the height is not above 0.
+            ValueError: If the shapes of depth, confidence and rig disagree, depth is of integers, confidence exceeds 1,
+                or the height is not above 0.
         """
+        if np.asarray(depth).dtype.kind in "iub":
+            raise ValueError(
+                f"depth must be metres, as floating point, got {np.asarray(depth).dtype}: "
+                "divide millimetres by 1000, and set unknown depth to NaN"
+            )
         depth = np.asarray(depth, np.float32)
         camera = rig.camera
         if depth.shape != (camera.height, camera.width):
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
         if confidence is not None and np.shape(confidence) != depth.shape:
             raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
+        if confidence is not None and (largest := np.nanmax(confidence, initial=0)) > 1:
+            raise ValueError(f"confidence must lie in [0, 1], its largest value is {largest:g}")
         if not camera_height > 0:
             raise ValueError(f"camera_height must be above 0 m, got {camera_height:g}")
         pose, valid = np.asarray(camera_pose, float), self._valid(depth, confidence, rig, camera_height)

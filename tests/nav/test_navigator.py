@@ -238,11 +238,16 @@ def test_wrong_input_is_refused_by_name():
     for pose in (np.full((4, 4), np.nan), np.eye(3), transposed, twice, np.diag([1.0, 1, -1, 1])):
         with pytest.raises(ValueError, match="pose must be"):
             Navigator().step(None, None, SMALL_RIG, pose, GOAL)
-    for pan in (np.nan, np.inf):
-        with pytest.raises(ValueError, match="pan must be a finite angle"):
+    for pan in (np.nan, np.inf, 20.0, None):
+        with pytest.raises(ValueError, match="pan must be an angle"):
             Navigator().step(None, None, SMALL_RIG, np.eye(4), GOAL, pan)
     with pytest.raises(ValueError, match="goal"):
         Navigator().step(None, None, SMALL_RIG, np.eye(4), np.array([np.inf, 0]))
+    size = SMALL_RIG.camera.height, SMALL_RIG.camera.width
+    with pytest.raises(ValueError, match="depth must be metres, as floating point, got uint16"):
+        Navigator().step(np.full(size, 4000, np.uint16), None, SMALL_RIG, np.eye(4), GOAL)
+    with pytest.raises(ValueError, match="its largest value is 255"):
+        Navigator().step(np.full(size, 4.0), np.full(size, 255, np.uint8), SMALL_RIG, np.eye(4), GOAL)
 
 
 def test_the_goal_radius_of_the_settings_ends_the_drive():

@@ -396,6 +396,6 @@ def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, ca
         np.testing.assert_allclose(bodies @ mount, poses, atol=1e-9)
         monkeypatch.undo()
 
-    for flag in (["0.65", "0", "20"], ["0.65", "1.2", "91"]):
+    for flag in (["0.65", "0", "20"], ["0.65", "1.2", "91"], ["0.65", "1200", "20"]):
         assert main([*command, "--mount", *flag]) == 2
-        assert "--mount must be metres ahead, metres above 0, and -90 to 90 degrees" in capsys.readouterr().err
+        assert "--mount must be metres ahead and above, up to 10, and -90 to 90 degrees" in capsys.readouterr().err

@@ -6,6 +6,7 @@ them: a pair that cannot be used leaves nothing.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from m3depth.rectification.raw_image import RawImage, read_raw_pair
 from marssim.base.calibration.orientation import common_orientation
 from marssim.base.calibration.read_pair import (
     has_label,
+    info_of_distorted_images,
     is_of_raw_cameras,
     labelled_pair,
     read_label,
@@ -60,10 +62,18 @@ def must_be_rectified(options: PredictOptions, left: Path) -> bool:
         return options.rectify == "always"
     if options.raw.align or is_product(left):
         return True
+    if not options.calib or options.calib == (NATECAM_NAME,):
+        return False
     try:
-        return bool(options.calib) and options.calib != (NATECAM_NAME,) and is_of_raw_cameras(options.calib)
+        if is_of_raw_cameras(options.calib):
+            return True
+        info = info_of_distorted_images(options.calib)
     except (FileNotFoundError, ValueError):  # reading the calibration reports it
         return False
+    if info is not None:
+        means = "the images are taken as rectified ones; if they are not, give --rectify always"
+        print(f"note: {info} is of a camera with distortion, or one that is turned: {means}", file=sys.stderr)
+    return False
 
 
 @dataclass(frozen=True)

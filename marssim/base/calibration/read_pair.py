@@ -9,6 +9,7 @@ others     a calibration of a rectified pair (rectified.py), as two pinhole came
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -97,6 +98,23 @@ def is_of_raw_cameras(paths: Sequence[Path]) -> bool:
     return is_kalibr(content) or (is_opencv(content) and "P1" not in content and "Q" not in content)
 
 
+def info_of_distorted_images(paths: Sequence[Path]) -> Path | None:
+    """Return the first CameraInfo of ROS among calibrations that describes a distorted or a turned camera, or None.
+
+    Its rectified images have neither, so it also describes other images, which may be those that are given.
+
+    Raises:
+        ValueError: A file is malformed. One line that names it.
+    """
+    for path in paths:
+        if _is_camera_info(text := read_text(path)):
+            camera = read_in(path, parse_raw_camera, text)
+            straight = isinstance(camera.lens, RadialTangential) and not any(camera.lens.coefficients)
+            if not (straight and np.allclose(camera.rotation, np.eye(3), atol=1e-4)):
+                return path
+    return None
+
+
 def read_label(path: Path) -> ProductLabel | None:
     """Read the label of an image; None if the file is none of PDS or VICAR.
 
@@ -167,6 +185,8 @@ def _content(paths: Sequence[Path], texts: Sequence[str]) -> dict[str, Any]:
     for path, text in zip(paths, texts, strict=True):
         if text.lstrip().startswith(("%YAML", "<", "{")):
             content.update(read_in(path, parse_opencv, text))
+        elif re.search(r"^cam0[ \t]*:", text, re.MULTILINE):  # of Kalibr
+            content.update(read_in(path, parse_yaml, text))
         elif ":" in text:
             with suppress(ValueError):  # KITTI's files, for one
                 content.update(parse_yaml(text))

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from marssim.base.calibration import fields
-from marssim.base.calibration.bounded_text import parse_json, read_text
+from marssim.base.calibration.bounded_text import parse_json, parse_yaml, read_text
 from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
 from marssim.base.calibration.opencv_file import SIDES, SIZES, is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -101,6 +101,8 @@ def read_calibration(
         if re.search(r"^[ \t]*P(_rect_0)?\d[ \t]*:", text, re.MULTILINE):
             grey = image is not None and not KITTI_GREY.isdisjoint(image.parts)
             return _from_kitti(text, ("0", "1") if grey else ("2", "3")).checked()
+        if re.search(r"^cam0[ \t]*:", text, re.MULTILINE):
+            parse_yaml(text)  # Kalibr's, which describes raw cameras; a fault in it is named
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     raise ValueError(

@@ -36,3 +36,28 @@ def test_a_mast_follows_from_the_place_of_its_left_eye(pan):
     below[2, 3] = -0.1
     with pytest.raises(ValueError, match=r"above the ground of the rover, got -0.1 m"):
         CameraMount.of_left_eye(below, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"obstacle_height": 120.0}, r"obstacle_height must lie in \[0.001, 10\] m, got 120; is it in millimetres\?"),
+        ({"max_slope": 25.0}, "max_slope must lie in .* rad, got 25; is it in degrees"),
+        ({"max_steer": -0.1}, "max_steer must lie in"), ({"wheel_radius": np.nan}, "wheel_radius must lie in"),
+        ({"max_speed": 0.0}, "max_speed must lie in"), ({"mass": 0.0}, "mass must be above 0"),
+        ({"wheel_x": (0.3, -0.3)}, "wheel_x must be three"), ({"wheel_x": (-0.6, 0, 0.6)}, "wheel_x must be three"),
+        ({"chassis_size": (1100, 800, 400)}, "chassis_size must be three lengths"),
+    ],
+)  # fmt: skip
+def test_dimensions_that_no_rover_has_are_refused_by_name(changes, message):
+    with pytest.raises(ValueError, match=message):
+        replace(ZHURONG, **changes)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"pitch": 20.0}, {"height": 1200.0}, {"height": 0.0}, {"x": np.nan}, {"pan_rate": 0}]
+)
+def test_a_mast_that_no_rover_has_is_refused_by_name(changes):
+    (name,) = changes
+    with pytest.raises(ValueError, match=f"^{name} must lie in"):
+        CameraMount(**changes)

@@ -15,7 +15,13 @@ from marssim.base.calibration.lenses.radial_tangential import RadialTangential
 from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import common_orientation, rectified_view
 from marssim.base.calibration.pds3_label import camera_group
-from marssim.base.calibration.read_pair import has_label, is_of_raw_cameras, read_label, read_raw_calibration
+from marssim.base.calibration.read_pair import (
+    has_label,
+    info_of_distorted_images,
+    is_of_raw_cameras,
+    read_label,
+    read_raw_calibration,
+)
 from marssim.base.camera import NATECAM
 
 SIZE = (640, 480)
@@ -75,7 +81,17 @@ def test_which_calibrations_are_of_raw_cameras_alone(tmp_path):
         files[name].write_text(text)
     assert is_of_raw_cameras([files["opencv.yml"]]) and is_of_raw_cameras([files["chain.yaml"]])
     assert not is_of_raw_cameras([files["both.yml"]])
-    assert not is_of_raw_cameras([files["left.yaml"], files["right.yaml"]])
+    infos = [files["left.yaml"], files["right.yaml"]]
+    assert not is_of_raw_cameras(infos) and info_of_distorted_images(infos) == files["left.yaml"]
+    for file in infos:  # cameras whose images are rectified as they are
+        text = file.read_text()
+        for field, data in (
+            ("distortion_coefficients", [0] * 5),
+            ("rectification_matrix", [1, 0, 0, 0, 1, 0, 0, 0, 1]),
+        ):
+            text = re.sub(rf"({field}:.*?data: )\[[^]]*\]", rf"\g<1>{data}", text, flags=re.DOTALL)
+        file.write_text(text)
+    assert info_of_distorted_images(infos) is None
     (tmp_path / "kitti.txt").write_text("P2: 7 0 6 0 0 7 3 0 0 0 1 0\nP3: 7 0 6 -3 0 7 3 0 0 0 1 0\n")
     assert not is_of_raw_cameras([tmp_path / "kitti.txt"])
 

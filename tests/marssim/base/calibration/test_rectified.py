@@ -256,6 +256,7 @@ def test_camera_infos_for_images_of_two_sizes_are_refused(tmp_path):
     ("text", "message"),
     [
         ("nothing of this\n", "is not a calibration of KITTI"),
+        ("cam0:\n  intrinsics: [1, 2\n", "is not YAML in line"),
         ("", "is not a calibration of KITTI"),
         ("P2: 1 2 3\nP3: 1 2 3\n", "P2 must have 12 numbers, has 3"),
         ("P2: " + "1 " * 12 + "\n", "lacks the projection matrices of two cameras"),
