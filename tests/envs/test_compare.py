@@ -2,11 +2,15 @@ import hashlib
 import json
 import math
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import envs.compare
 from envs.compare import CompareConfig, compare, main
+from envs.comparison.suite_results import SuiteResults, _fault_of_steps
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 
@@ -370,3 +374,18 @@ def test_a_second_command_in_the_folder_is_refused(suite_run, small_suite, tmp_p
     error = capsys.readouterr().err
     assert error.startswith(f"error: {tmp_path / 'out'}: another command (process ") and error.count("\n") == 1
     assert main(arguments) == 0 and not (tmp_path / "out" / ".lock").exists()
+
+
+def test_files_of_two_splits_are_refused(monkeypatch):
+    def read(path, suite):
+        return SuiteResults(path, "small-v1", path.stem, {("straight", "ground_truth"): {}}, 4)
+
+    monkeypatch.setattr(envs.compare, "read_results", read)
+    with pytest.raises(DatasetError, match=r"is of small-v1, test, and dev of small-v1, dev"):
+        compare(CompareConfig((Path("dev"), Path("test"))))
+
+
+def test_a_rover_that_slides_may_make_more_way_than_its_wheels():
+    suite = SimpleNamespace(drive={"dynamics": "kinematic", "slip": "scene"}, conditions={"clear": {}})
+    episode = {"steps": 10, "outcome": "no_path", "path_length": 5.0, "condition": "clear"}  # 0.4 m a step without slip
+    assert _fault_of_steps(episode, suite, 10.0) is None

@@ -1,6 +1,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -415,3 +416,28 @@ def test_the_ground_is_known_to_a_rover_with_low_cameras_too(height):
     begin = max(0.7 + 1.5 * height, 1.4)
     ahead = (x > begin) & (x < begin + 0.5) & (abs(y) < 0.3)
     assert navigator.map.measured[ahead].all() and ahead.sum() > 20
+
+
+def test_cells_from_half_a_width_beyond_the_area_are_closed():
+    navigator = Navigator(area=(-4.0, -2.0, 9.0, 2.0))
+    y = navigator.map.centres()[1]
+    assert np.array_equal(navigator._closed()[:, navigator.map.n // 2], np.abs(y) > 2 + ZHURONG.width / 2)
+
+
+def test_risk_narrows_the_margin_of_the_planner():
+    navigator, pose = Navigator(), body_pose(0, 0, 0)
+    depth = RockWorld().depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    navigator.step(depth, None, SMALL_RIG, pose, np.array([8.0, 0.0]))
+    navigator.risk.raise_level()
+    navigator.step(depth, None, SMALL_RIG, pose, np.array([8.0, 0.0]))
+    assert navigator.planner.margin == pytest.approx(0.5 * navigator.config.planner.margin)
+
+
+def test_hemmed_in_is_where_the_rover_stands():
+    navigator = Navigator()
+    inflated = np.zeros((navigator.map.n,) * 2, bool)
+    x, y = navigator.map.cell_of(np.array([3.0, -2.0]))
+    inflated[y, x] = True
+    ground = SimpleNamespace(inflated=inflated)
+    assert navigator._is_hemmed_in(np.array([3.0, -2.0, 0.0]), ground)
+    assert not navigator._is_hemmed_in(np.array([-2.0, 3.0, 0.0]), ground)

@@ -399,3 +399,11 @@ def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, ca
     for flag in (["0.65", "0", "20"], ["0.65", "1.2", "91"], ["0.65", "1200", "20"]):
         assert main([*command, "--mount", *flag]) == 2
         assert "--mount must be metres ahead and above, up to 10, and -90 to 90 degrees" in capsys.readouterr().err
+
+
+def test_a_goal_lies_ahead_and_to_the_left_of_the_first_image():
+    yaw = 0.7
+    eye = body_pose(3.0, -1.0, yaw) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    ahead, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
+    goal = command._world(Frame(None, None, SMALL_RIG, eye), (5.0, 2.0))
+    assert goal == pytest.approx(eye[:2, 3] + 5 * ahead + 2 * left)

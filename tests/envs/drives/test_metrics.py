@@ -214,3 +214,8 @@ def test_failures_are_classed_as_for_enav_and_near_misses_counted():
     row = summarise(records)
     assert row["failures"] == {"no feasible path": 1, "safety limit": 3, "time": 2, "elsewhere": 1}
     assert row["near_miss_rate"] == 1 / 9 and row["abs_rel"] == 0.02 and row["unreachable_share"] == 10 / 19
+
+
+def test_tilts_and_collisions_are_counted_apart():
+    row = summarise([record("tilt"), record(), record("collision"), record("tilt")])
+    assert (row["tilt_rate"], row["collision_rate"]) == (0.5, 0.25)

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,13 @@ def test_a_steep_slope_is_a_tilt(on_course, make_scene, make_course):
             break
     assert info["outcome"] == "tilt" and -10.1 < reward < -9.4
     assert env.vehicle.state().tilt > np.deg2rad(30)
+
+
+@pytest.mark.parametrize("place", [(5.0, 0.0), (-5.0, 0.0), (0.0, 5.0), (0.0, -5.0)])
+def test_every_edge_is_out_of_bounds(place):
+    course = SimpleNamespace(goal=np.array([3.0, 3.0]), scene=SimpleNamespace(half=4.9 + EDGE), start=np.zeros(3))
+    rover = SimpleNamespace(
+        state=lambda: SimpleNamespace(position=(*place, 0.0), tilt=0.0),
+        contacts=lambda: SimpleNamespace(collision=False),
+    )
+    assert Referee(course, ZHURONG, 9.0).judge(rover, 0.2, 1) == "out_of_bounds"

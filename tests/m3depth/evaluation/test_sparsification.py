@@ -87,3 +87,9 @@ def test_images_add_up_and_invalid_confidences_are_accepted():
     for i in range(0, 400, 100):
         parts.add(confidence[i : i + 100], error[i : i + 100])
     assert parts.result()["epe"] == pytest.approx(whole.result()["epe"])
+
+
+def test_pixels_without_a_confidence_are_dropped_first():
+    out = ConfidenceHistograms()
+    out.add(np.repeat([np.nan, 0.9], [1000, 3000]), np.repeat([2.0, 0.0], [1000, 3000]))
+    assert out.result()["bad1"][5:] == pytest.approx([0.0] * 15)

@@ -204,3 +204,13 @@ def test_sgbm_finds_small_disparities_where_the_rig_shows_larger_ones_than_it_ca
     assert np.isfinite(matched).mean() > 0.95 and np.nanmedian(matched) == pytest.approx(30, abs=0.1)
     with pytest.raises(ValueError, match="disparities must be at most 2032, got 2048"):
         SGBM(disparities=2048)
+
+
+def test_no_match_lies_outside_the_right_image():
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((96, 260)).astype(np.float32)
+    texture = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 1.2), None, 20, 235, cv2.NORM_MINMAX).astype(np.uint8)
+    left, right = texture[:, 36:196].copy(), texture[:, 60:220]
+    left[:, :24] = right[:, :1] + rng.integers(-1, 2, (96, 24))  # looks like the border of the right image
+    rig = StereoRig(PinholeCamera.centred(160, 96, 100.0), 0.5)
+    assert not (SGBM().match(left, right, rig) > np.arange(160) + 0.5).any()

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from drawn_maps import map_of_height
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rock_world import SMALL_RIG, RockWorld, body_pose
@@ -181,3 +182,11 @@ def test_assumed_ground_makes_no_steps():
     camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
     elevation.integrate(RockWorld().depth(SMALL_RIG, camera), None, SMALL_RIG, camera)
     assert not assess(elevation, ZHURONG, CONFIG).blocked.any()
+
+
+def test_gaps_in_level_ground_at_any_height_make_no_slope():
+    elevation = map_of_height(lambda x, y: 5 + 0 * x)
+    gap = np.random.default_rng(0).random(elevation.top.shape) < 0.4
+    elevation.top[gap], elevation.weight[gap] = np.nan, 0
+    ground = assess(elevation, ZHURONG, TraversabilityConfig())
+    assert np.nanmax(ground.slope) < 1e-3 and not ground.blocked.any()

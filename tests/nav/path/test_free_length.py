@@ -87,3 +87,11 @@ def test_arcs_end_where_the_rover_would_tilt_or_ground():
         free = free_length(poses, 0.2, elevation, ground, ZHURONG, config, StanceModel(elevation, ZHURONG))[0]
         assert end[0] <= free <= end[1] + 1e-6
         assert free_length(poses, 0.2, elevation, ground, ZHURONG, config)[0] >= free
+
+
+@pytest.mark.parametrize("height", [lambda x, y: np.tan(np.deg2rad(28)) * y, lambda x, y: 0.3 * (np.abs(y) < 0.2)])
+def test_a_rover_beyond_a_limit_may_move_on_where_it_gets_no_worse(height):
+    rules = TraversabilityConfig(slope_blocked_deg=60, step_blocked=9, roughness_blocked=9)
+    elevation, poses = map_of_height(height), arc_poses(np.zeros(3), np.zeros(1), np.arange(0, 2.01, 0.2))
+    ground, stance = assess(elevation, ZHURONG, rules), StanceModel(elevation, ZHURONG)
+    assert free_length(poses, 0.2, elevation, ground, ZHURONG, CONFIG, stance)[0] == pytest.approx(2.0)

@@ -134,3 +134,12 @@ def test_a_plan_keeps_all_that_it_compared_with_the_parts_of_their_costs():
     bend = CONFIG.bend_cost * abs(compared.curvature * compared.end)
     np.testing.assert_allclose(compared.parts["bend"][arcs], bend[arcs])
     np.testing.assert_allclose(compared.parts["change"][arcs], CONFIG.change_cost * abs(compared.curvature - 0.2)[arcs])
+
+
+def test_a_turn_ends_before_the_rock_that_a_corner_would_sweep_over():
+    elevation, ground = flat_map_with_rocks([(0.55, 0.95, 0.08)])
+    turns = Planner(ZHURONG, CONFIG, elevation).free_turns(elevation, ground, np.zeros(3))
+    for side in (1, -1):
+        free = np.sort(side * turns[side * turns > 0])
+        assert free == pytest.approx(2 * np.pi / CONFIG.turns * np.arange(1, len(free) + 1)) and len(free) < 12
+    assert len(turns)
