@@ -153,3 +153,16 @@ def test_every_cause_has_words_and_a_place_in_the_schemas():
     of_drive = drive_schema()["properties"]["episode"]["properties"]["cause"]["enum"]
     of_results = results_schema()["properties"]["episodes"]["items"]["properties"]["cause"]["enum"]
     assert set(IN_WORDS) == set(Cause) and of_drive == of_results == [None, *Cause]
+
+
+def test_ground_may_be_left_to_either_side():
+    for area in ((-4.0, 0.5, 9.0, 3.0), (-4.0, -3.0, 9.0, -0.5)):  # the rover is at y = 0
+        assert cause_of(driven(PLAIN, PLAIN, area=area), "out_of_bounds") is not Cause.ODOMETRY
+
+
+def test_between_looks_nothing_is_added():
+    beside, env = driven(PLAIN, PLAIN)
+    before = beside._map.top.copy()
+    env.gaze.fresh, env.sight = False, driven(WALL, WALL)[1].sight
+    beside.see(env)
+    np.testing.assert_array_equal(beside._map.top, before)
