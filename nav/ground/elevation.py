@@ -250,7 +250,7 @@ class ElevationMap:
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
         if confidence is not None and np.shape(confidence) != depth.shape:
             raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
-        if confidence is not None and (largest := np.nanmax(confidence, initial=0)) > 1:
+        if confidence is not None and (largest := np.nanmax(confidence, initial=0)) > 1 + 1e-6:
             raise ValueError(f"confidence must lie in [0, 1], its largest value is {largest:g}")
         if not camera_height > 0:
             raise ValueError(f"camera_height must be above 0 m, got {camera_height:g}")
