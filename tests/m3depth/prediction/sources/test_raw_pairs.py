@@ -17,6 +17,7 @@ from m3depth.predict import main
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.inputs import find_inputs
 from m3depth.prediction.sources.raw_pairs import must_be_rectified
+from marssim.base.calibration.camera_info import camera_info_texts
 from marssim.base.calibration.cameras import PosedPair
 from marssim.base.calibration.kalibr import kalibr_text
 from marssim.base.calibration.lenses.fisheye import Fisheye
@@ -127,6 +128,18 @@ def test_which_pairs_are_raw(tmp_path, images):
     assert not asks(calib=(both,)) and asks(calib=(both,), rectify="always")
     assert not asks(calib=(images / "stereo.yml",), rectify="never") and not asks(calib=(tmp_path / "none.yml",))
     assert not asks(calib=(Path("natecam"),))
+
+
+def test_a_camera_info_that_may_be_of_raw_images_is_told(tmp_path, images, capsys):
+    infos = tuple(tmp_path / name for name in ("left.yaml", "right.yaml"))
+    for path, text in zip(infos, camera_info_texts(PAIR, rectified_view(PAIR))):
+        path.write_text(text)
+    left = images / "left.png"
+    assert not must_be_rectified(PredictOptions((left,), tmp_path, calib=infos), left)
+    assert f"note: {infos[0]} is of a camera with distortion" in capsys.readouterr().err
+    for rectify in ("always", "never"):
+        must_be_rectified(PredictOptions((left,), tmp_path, calib=infos, rectify=rectify), left)
+    assert not capsys.readouterr().err
 
 
 def test_a_check_that_fails_after_the_rectification_leaves_nothing(tmp_path, images, capsys):
