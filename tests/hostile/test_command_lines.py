@@ -89,7 +89,7 @@ def test_a_command_line_is_taken_or_refused_in_one_line(command, data, capsys, t
     words = [word for _, drawn in values for word in drawn]
     names = [flag for flag, _ in flags if flag]
     if any(word.startswith("-") for word in words):  # may be taken for an option of its own
-        names += ["unknown option", "belongs to no option"]
+        names += ["unknown option", " to no option"]
     if "" in dict(flags):
         names += [*(word for word in words if word), CONFIGS[command][1][0], *NUMBER_OF_WORDS]
     judge(lambda: taken.append(parser_of(command)(with_values(command, values))), capsys, *names)

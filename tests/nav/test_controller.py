@@ -72,3 +72,8 @@ def test_impossible_motions_are_refused():
         wheel_command(0.1, 0.1 / 0.6)
     with pytest.raises(ValueError, match="finite"):
         wheel_command(np.nan, 0.0)
+
+
+def test_a_turn_about_a_place_just_inside_a_wheel_becomes_a_tighter_turn():
+    speed, yaw_rate = steerable(0.1, 0.2)
+    assert yaw_rate == 0.2 and 0 < speed < 0.1

@@ -32,3 +32,9 @@ def test_looks_that_the_rover_has_left_behind_are_forgotten():
     looks.note(np.zeros(3), 0.0)
     looks.note(np.array([5.0, 0.0, 0.0]), 0.0)
     assert not looks.cover(np.zeros(3), 0.0)
+
+
+def test_bearings_on_both_sides_of_the_jump_from_pi_to_minus_pi_are_near():
+    looks = Looks()
+    looks.note(np.array([0.0, 0.0, 3.1]), 0.0)
+    assert looks.cover(np.array([0.0, 0.0, -3.1]), 0.0)  # 5 deg away

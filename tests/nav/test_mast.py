@@ -65,3 +65,9 @@ def test_turns_that_are_small_or_into_seen_ground_need_no_look():
 def test_beyond_the_map_nothing_was_seen():
     everything, _ = flat_map_with_rocks()
     assert mast().must_look(0.7, np.array([7.5, 0.0, 0.0]), 0.0, DRIVE, everything)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_way_after_a_turn_must_be_known_on_both_sides(side):
+    half, _ = flat_map_with_rocks(seen=lambda x, y: side * x < 0)
+    assert Mast(ZHURONG, CONFIG).must_look(np.pi / 2, HERE, 0.0, DRIVE, half)

@@ -26,7 +26,7 @@ def raw_camera(message: Any) -> PosedCamera:
     Raises:
         ValueError: The camera is not calibrated, or its distortion is not supported; the message says so.
     """
-    _check_finite(message)
+    _check_finite(D=message.d, R=message.r)
     k, size = _of_image(message.k, "K", message)
     model = message.distortion_model
     if model and model not in MODELS:
@@ -36,16 +36,17 @@ def raw_camera(message: Any) -> PosedCamera:
     return PosedCamera(lens_of(k, np.array(message.d, float), MODELS.get(model, False)), turn, np.zeros(3), size)
 
 
-def _check_finite(message: Any) -> None:
-    for name, values in (("D", message.d), ("R", message.r)):
-        if not np.isfinite(np.array(values, float)).all():
+def _check_finite(**values: Any) -> None:
+    for name, numbers in values.items():
+        if not np.isfinite(np.array(numbers, float)).all():
             raise ValueError(f"{name} holds numbers that are not finite: the camera is not calibrated")
 
 
 def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[int, int] | None]:
     """Return K (3, 3) or P (3, 4) of the region and the binning of the images, and their width and height [px]."""
     matrix = np.array(values, float).reshape(3, -1)
-    if not np.isfinite(matrix).all() or not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
+    _check_finite(**{name: matrix})
+    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise ValueError(f"{name} has no positive focal length: the camera is not calibrated")
     roi = message.roi
     part = ImagePart(
@@ -61,6 +62,6 @@ def shows_raw_images(message: Any) -> bool:
     Raises:
         ValueError: The camera is not calibrated; the message says so.
     """
-    _check_finite(message)
+    _check_finite(D=message.d, R=message.r)
     turned = np.abs(np.array(message.r, float).reshape(3, 3) - np.eye(3)).max() > 1e-9
     return bool(turned and np.any(message.r)) or bool(np.any(np.abs(message.d) > 1e-12))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -252,7 +253,13 @@ def _unknown(words: Sequence[str], flags: Sequence[str]) -> str:
     options = []
     for option in (word.partition("=")[0] for word in words if re.match(r"--?(?!inf$|nan$)[a-zA-Z]", word)):
         options.append(option + did_you_mean(option, flags))
-    return f"unknown option {', '.join(options)}" if options else f"{' '.join(words)} belongs to no option"
+    if options:
+        return f"unknown option {', '.join(options)}"
+    more = f" and {len(words) - 3} more" if len(words) > 3 else ""
+    message = f"{' '.join(words[:3])}{more} belong{'s' * (len(words) == 1)} to no option"
+    if all(os.path.exists(word) for word in words):  # False for too long a name, too
+        message += "; write a pattern in quotation marks, or the shell replaces it by the files that match"
+    return message
 
 
 def _with_flag(message: str, where: str, config: type) -> str:

@@ -6,7 +6,7 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from envs.comparison.schema import results_schema
 from envs.drives.episodes import Cause
-from envs.recording.failure_cause import IN_WORDS, TrueDepthMap
+from envs.recording.failure_cause import IN_WORDS, TrueDepthMap, _room
 from envs.world.perception import Sight
 from marssim.base.dataset.drive_file import drive_schema
 from marssim.base.rover_spec import ZHURONG
@@ -166,3 +166,13 @@ def test_between_looks_nothing_is_added():
     env.gaze.fresh, env.sight = False, driven(WALL, WALL)[1].sight
     beside.see(env)
     np.testing.assert_array_equal(beside._map.top, before)
+
+
+def test_the_room_of_a_place_is_its_distance_from_the_footprint_as_the_rover_is_turned():
+    navigator, yaw = Navigator(), np.pi / 4
+    place = np.array([1.0, 2.0, yaw])
+    ahead, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
+    room = _room(place[:2] + 2.0 * np.array([ahead, left, -left]), place, navigator)
+    # the discs of the footprint reach 8 cm beyond its ends, and 6 cm beyond its sides
+    beyond = np.array([ZHURONG.length / 2 + 0.08, ZHURONG.width / 2 + 0.06, ZHURONG.width / 2 + 0.06])
+    assert room == pytest.approx(2.0 - beyond, abs=0.04)

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 from recorded_drives import candidates, drive_of, pose_rows, step
 
@@ -49,3 +50,15 @@ def test_a_drive_that_ends_elsewhere_by_sound_odometry_is_decided_at_the_nearest
     steps = [step(x=x, believed_pose=pose_rows(x + e, 0, 0)) for x, e in errors]
     number, why = turning_point(drive_of(tmp_path / "a.zip", steps, outcome="elsewhere"))
     assert number == 2 and "odometry" not in why
+
+
+def test_a_collision_after_a_turn_on_the_spot_is_decided_where_the_turn_was_chosen(tmp_path):
+    turn = candidates((0, np.pi, 4, 9))  # the rover faces away from what it hits
+    steps = [
+        step(x=0.0, candidates=candidates((0, 0, 4, 9)), chosen=0),
+        step(x=1.0, candidates=turn, chosen=0),
+        step(x=1.0, candidates=turn, chosen=0),
+        step(x=-1.0, contact="chassis"),
+    ]
+    number, why = turning_point(drive_of(tmp_path / "a.zip", steps, outcome="collision"))
+    assert number == 1 and "the chosen motion led over the place" in why

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -72,3 +73,11 @@ def test_a_look_without_ground_has_no_rocks(sight):
     sky = np.full_like(sight.true_depth, np.inf)
     up = replace(sight, depth=sky, true_depth=sky.copy(), true_surface=np.full(sky.shape, -1))
     assert look_rock_errors(up) == RockErrors(0, 0, 0) and look_abs_rel(up) is None and not is_blind(up)
+
+
+def test_an_eye_that_knows_some_of_the_ground_is_not_blind():
+    truth = np.full((4, 4), 3.0)
+    some = truth.copy()
+    some[1:] = np.nan
+    assert not is_blind(SimpleNamespace(true_depth=truth, depth=some))
+    assert is_blind(SimpleNamespace(true_depth=truth, depth=np.full((4, 4), np.nan)))

@@ -1,7 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from envs.world.slip import SlipConfig, known_slip
+from envs.world.slip import SlipConfig, SlipGauge, known_slip
+from marssim.physics.soil.slippage import Slippage
 
 AHEAD = np.array([1, 0], np.float32)
 KEYS = {"slip", "sideways", "sinkage", "energy", "drive_seconds"}
@@ -98,3 +101,20 @@ def test_settings_are_checked():
     for share in (-0.1, 1.1, True, "half", float("nan")):
         with pytest.raises(ValueError, match=r"measured share of the slip must lie in \[0, 1\]"):
             SlipConfig("sand", share)
+
+
+class Sliding:
+    """A rover that stands while its wheels roll 0.4 m to its left."""
+
+    def state(self):
+        return SimpleNamespace(position=np.zeros(3))
+
+    def slippage(self):
+        return Slippage(rolled=np.array([0.0, 0.4]))
+
+
+def test_the_excess_speed_is_that_of_the_wheels_along_the_heading():
+    gauge = SlipGauge(SlipConfig("sand"), Sliding())
+    gauge.update(Sliding())
+    assert gauge.excess_speed(np.pi / 2, 2.0) == pytest.approx(0.2)
+    assert gauge.excess_speed(0.0, 2.0) == pytest.approx(0.0)

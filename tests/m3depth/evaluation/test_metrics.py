@@ -295,3 +295,10 @@ def test_against_torchmetrics():
     cosine = regression.CosineSimilarity(reduction="none")(*(torch.from_numpy(n) for n in normals))
     # torchmetrics computes the cosine in float32
     assert angle_between(*normals) == pytest.approx(np.degrees(np.arccos(cosine.numpy())), abs=1e-3)
+
+
+def test_a_median_lies_between_the_borders_of_its_bin():
+    sums = RunningSums(("mean",), median=True)
+    angles = np.linspace(10.0001, 10.0099, 99)  # all within one bin
+    sums.add_sums(np.array([angles.sum()]), 99, angles)
+    assert sums.result()["pooled"]["median"] == pytest.approx(10.005, abs=1e-3)

@@ -1,5 +1,6 @@
 """Rocks of known size on a plain: their measured heights and distances."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -100,3 +101,12 @@ def test_the_edge_of_slabs_that_touch_is_one():
 
 def test_rocks_have_no_edges_of_slabs():
     assert rock_scene(rock_sample(world())).slab_edges == []
+
+
+def test_the_plane_is_that_of_ground_around_the_rock_not_at_its_foot():
+    whole = rock_scene(rock_sample(world())).rocks
+    sample = rock_sample(world())
+    foot = cv2.dilate((sample.rock > 0).astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
+    sample.depth[foot & (sample.rock == 0)] = np.nan
+    footless = rock_scene(sample).rocks
+    assert [rock.height for rock in footless] == pytest.approx([rock.height for rock in whole], abs=0.02)

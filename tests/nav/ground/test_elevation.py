@@ -1,6 +1,8 @@
 import cv2
 import numpy as np
 import pytest
+from drawn_maps import SMALL as DRAWN
+from drawn_maps import map_of_height
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rock_world import SMALL_RIG, RockWorld, body_pose
@@ -337,3 +339,18 @@ def test_a_look_that_weighs_more_replaces_heights_of_before_also_after_lighter_o
 def test_a_map_of_other_cells_completes_none():
     with pytest.raises(ValueError, match=r"cells of 0.1 m, got 0.2 m"):
         ElevationMap().complete(ElevationMap(ElevationConfig(cell=0.2)))
+
+
+def test_a_much_surer_height_replaces_four_fifths_of_the_highest_at_most():
+    elevation = ElevationMap()
+    cell, one = np.array([0]), np.array([1.0])
+    elevation._blend(cell, one, 0 * one, one)
+    elevation._blend(cell, 0 * one, 0 * one, 99 * one)  # it may have seen the foot of a rock alone
+    assert elevation.top.ravel()[0] == pytest.approx(0.2)
+
+
+def test_measured_heights_of_another_map_replace_assumed_ones():
+    other, elevation = map_of_height(lambda x, y: 0.3 + 0 * x), ElevationMap(DRAWN)
+    elevation.assume_flat(body_pose(0, 0, 0), 2.0)
+    elevation.complete(other)
+    assert np.nanmin(elevation.top) == pytest.approx(0.3)

@@ -143,3 +143,23 @@ def test_a_gap_lies_between_the_points_of_two_pixels_of_its_column():
     np.testing.assert_allclose(near, points[v, u], atol=1e-4)
     np.testing.assert_allclose(far, points[v - 1, u], atol=1e-4)
     assert np.abs(near[:, 2]).max() < 1e-4 and far[:, 2].max() < -0.3
+
+
+@pytest.mark.parametrize(("columns", "marked"), [(slice(95, 98), False), (slice(91, 102), True)])
+def test_a_few_pixels_that_see_a_drop_are_not_believed(columns, marked):
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    trench = RockWorld(trenches=np.array([(*TRENCH, 1.2)]))
+    depth, deep = (world.depth(SMALL_RIG, camera) for world in (RockWorld(), trench))
+    depth[:, columns] = deep[:, columns]
+    elevation = ElevationMap(SMALL)
+    elevation.integrate(depth, None, SMALL_RIG, camera)
+    assert elevation.hidden_drop.any() == marked
+
+
+def test_of_a_narrow_trench_nothing_beyond_its_far_side_is_hidden():
+    trench = RockWorld(trenches=np.array([(3.5, 0.0, 0.4, 6.0, 1.2)]))  # narrower than HiddenDropConfig.reach
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    elevation = ElevationMap(SMALL)
+    elevation.integrate(trench.depth(SMALL_RIG, camera), None, SMALL_RIG, camera)
+    x = elevation.centres()[0][np.nonzero(elevation.hidden_drop)[1]]
+    assert len(x) > 50 and x.max() < 3.9 + 0.1

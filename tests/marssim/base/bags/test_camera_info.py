@@ -31,11 +31,18 @@ def test_a_region_and_binning_give_the_camera_of_the_smaller_image():
     assert camera.projection[0, 3] == pytest.approx(-expected.fb)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("value", [0.0, -1.0])
 def test_a_camera_without_calibration_is_reported(value):
     message = info()
     message.p[0] = value
     with pytest.raises(ValueError, match="P has no positive focal length: the camera is not calibrated"):
+        rectified_camera(message)
+
+
+def test_a_baseline_that_is_no_number_is_reported():
+    message = info()
+    message.p[3] = np.nan
+    with pytest.raises(ValueError, match=r"^P holds numbers that are not finite: the camera is not calibrated"):
         rectified_camera(message)
 
 

@@ -141,7 +141,7 @@ def test_a_good_command_line_reaches_the_work(capsys):
         (["--count", "9" * 30], "--count must lie within +-1.84e+19, got " + "9" * 30),
         (["--quite"], "unknown option --quite (did you mean --quiet?)"),
         (["--zebra"], "unknown option --zebra"),
-        (["stray", "sheep"], "stray sheep belongs to no option"),
+        (["stray", "sheep"], "stray sheep belong to no option"),
         (["-inf"], "-inf belongs to no option"),
     ],
 )
@@ -149,6 +149,17 @@ def test_the_parsers_mistakes_are_one_line(args, line, columns, encoding, monkey
     monkeypatch.setenv("COLUMNS", columns)
     monkeypatch.setattr("tyro._fmtlib._should_use_utf8_drawing_chars", lambda: encoding == "utf-8")
     assert run(capsys, failing(AssertionError()), *args) == (2, f"error: {line}\n")
+
+
+def test_files_that_a_shell_put_in_place_of_a_pattern_are_a_hint_to_quote_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for number in range(9):
+        Path(f"{number}.png").touch()
+    code, line = run(capsys, failing(AssertionError()), *sorted(map(str, Path().glob("*.png"))))
+    assert (code, line.count("\n")) == (2, 1)
+    assert line.startswith(
+        "error: 0.png 1.png 2.png and 6 more belong to no option; write a pattern in quotation marks"
+    )
 
 
 def test_a_configs_own_words_are_kept_whatever_their_length(capsys):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from marssim.base.dataset.sample import ROVER_CODE
-from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig, draw_population
+from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig, _beside_large, draw_population
 
 
 def test_more_rocks_than_a_dataset_can_number_are_refused():
@@ -42,3 +42,8 @@ def test_most_rocks_sit_in_the_ground_and_few_lie_on_it():
 def test_impossible_rocks_are_refused(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         RockConfig(**bad)
+
+
+def test_rocks_lie_beside_a_large_one_within_its_radius():
+    at = np.array([[0.45, 0.0], [0.55, 0.0], [0.0, -0.45]])
+    assert _beside_large(at, np.array([1.0]), np.zeros((1, 2))).tolist() == [False, True, False]
