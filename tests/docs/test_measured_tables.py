@@ -200,12 +200,11 @@ def test_what_the_page_counts_on_test_is_in_the_files() -> None:
 def test_the_drives_of_learned_networks_over_smooth_dust_are_those_of_their_files() -> None:
     names = {"ground_truth": "true depth", "m3depth": "M3Depth", "sgbm": "SGBM"}
     table_rows = rows("marsnav-v1.md", "### Learned networks over smooth dust\n")
-    courses = {0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14, 15, 16, 17}
     drives: dict[str, list[dict]] = {row[0]: [] for row in table_rows}
     files = [*(ROOT / "marsnav-v1").glob("rival-*.json"), *(ROOT / "marsnav-v1").glob("test-*-of-140.json")]
     for drive in (drive for file in files for drive in json.loads(file.read_text())["episodes"]):
         name = names.get(drive["perception"], Path(drive["perception"]).stem)
-        if name in drives and drive["condition"] == "smooth_dust" and drive["course"] in courses:
+        if name in drives and drive["condition"] == "smooth_dust":
             drives[name].append(drive)
     for name, count, goals, others in table_rows:
         of_method = drives[name]
