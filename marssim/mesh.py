@@ -11,9 +11,9 @@ slabs, ledges and fragments of bedrock. Parts without anything are left out. Roc
 closed.
 
 Units are metres, with the origin on the ground in the middle. x is east, y north and z up; in a .glb file, y is up and
--z north, as glTF demands. Vertices have the mean colour of ground and rock, but not in .stl files. The renderer
-computes gravel, small ripples, plates of bedrock that are flush with the sand, and the pattern of the ground for each
-pixel; they are not in the mesh.
+-z north, as glTF demands. Vertices have the colour of the soil and of each rock without dust, but not in .stl files.
+The renderer computes gravel, small ripples, plates of bedrock that are flush with the sand, and the pattern of the
+ground for each pixel; they are not in the mesh.
 
 In Python, `scene_mesh` turns any Scene into a mesh, also that of a drive, `env.unwrapped.course.scene`.
 """
@@ -34,7 +34,7 @@ from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
-from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR
+from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR, ROCK_SCALE
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.presets import PRESETS
 from marssim.scene.rocks.mesh import Rocks
@@ -87,9 +87,10 @@ def scene_mesh(scene: Scene, surroundings: bool = True) -> dict[str, trimesh.Tri
     """
     terrain = scene.terrain
     half = None if surroundings else scene.half
+    soil = scene.look.soil_albedo
     parts = {
-        "ground": _ground(*terrain.fine.mesh()),
-        "surroundings": _ground(*terrain.coarse.mesh(terrain.coarse_cells)) if surroundings else None,
+        "ground": _ground(*terrain.fine.mesh(), soil),
+        "surroundings": _ground(*terrain.coarse.mesh(terrain.coarse_cells), soil) if surroundings else None,
         "rocks": _bodies(scene.rocks, half),
         "outcrop": _bodies(scene.outcrop.bodies, half),
     }
@@ -137,9 +138,9 @@ def screen_colours(albedo: np.ndarray) -> np.ndarray:
     return np.round(255 * (albedo / 255) ** (1 / GAMMA)).astype(np.uint8)
 
 
-def _ground(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
+def _ground(vertices: np.ndarray, faces: np.ndarray, brightness: float) -> trimesh.Trimesh:
     used, inverse = np.unique(faces, return_inverse=True)
-    colours = np.broadcast_to(GROUND_COLOUR, (len(used), 3))
+    colours = np.broadcast_to(brightness * np.array(GROUND_COLOUR), (len(used), 3))
     return _mesh(vertices[used], inverse.reshape(-1, 3), colours, None)
 
 
@@ -157,7 +158,7 @@ def _bodies(bodies: Rocks, half: float | None) -> trimesh.Trimesh | None:
     owner = np.zeros(len(bodies.vertices), np.int64)
     owner[bodies.faces] = bodies.face_rock[:, None]
     used, inverse = np.unique(faces, return_inverse=True)
-    colours = bodies.albedo[owner[used], None] * np.array(ROCK_COLOUR)
+    colours = ROCK_SCALE * bodies.albedo[owner[used], None] * np.array(ROCK_COLOUR)
     return _mesh(bodies.vertices[used], inverse.reshape(-1, 3), colours, bodies.vertex_normals[used])
 
 

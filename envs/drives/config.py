@@ -85,7 +85,8 @@ class EvaluateConfig:
     """Strength of the pebbles and grains that are too small for the mesh: 0 has none, 1 the most. Left out: drawn from
     the scene's range."""
     wind_ripples: float | None = None
-    """Share of the ground that is sand with hand-wide ripples, 0 to 1. Left out: drawn from the scene's range."""
+    """Share of the ground without gravel that is sand with hand-wide ripples, 0 to 1. Left out: drawn from the scene's
+    range."""
     eyes: Annotated[EyesConfig, tyro.conf.arg(name="")] = field(default_factory=EyesConfig)
     into_sun: bool = False
     """Put the sun over the goal, as seen from the start. Else its direction is drawn."""

@@ -84,7 +84,8 @@ class SensorConfig:
     0.3; 0.4 takes away a third, and 0.8 half. Each camera has soft specks of its own and a veil, which also add
     scattered light. A drive keeps its specks."""
     motion_blur: Range = (0.0, 0.0)
-    """How far both images move during the exposure [px], LOW HIGH, 0 to 50."""
+    """How far both images move during the exposure [px], LOW HIGH, 0 to 50. Interpolation softens them by up to half a
+    pixel more."""
     motion_direction_deg: Range = (0.0, 180.0)
     """Direction of the motion blur in the image [deg], LOW HIGH, -360 to 360: 0 is along the rows, 90 along the
     columns."""

@@ -8,8 +8,9 @@
     frame = render_view(scene, x=2.0, y=-1.0, yaw_deg=30)
     frame.left, frame.depth  # (512, 512, 3) uint8 RGB and (512, 512) float32 [m]
 
+    rng = np.random.default_rng(0)  # the frames share it, so that their noise differs
     with SceneRenderer(scene.with_sun(elevation_deg=10, azimuth_deg=200)) as renderer:
-        frames = [renderer.render(x=0, y=0, yaw_deg=yaw) for yaw in (0, 90, 180, 270)]
+        frames = [renderer.render(x=0, y=0, yaw_deg=yaw, rng=rng) for yaw in (0, 90, 180, 270)]
 
 Positions are in the world frame of the scene: x east, y north, z up, in metres from the scene's middle. Angles are in
 degrees and end in `_deg`. What a frame holds is documented at `marssim.base.dataset.frame.StereoFrame`.
@@ -90,7 +91,8 @@ class SceneRenderer:
             roll_deg: Tilt about the optical axis [deg], clockwise as seen from behind the camera.
             height: Height of the left camera above the ground [m].
             sensor: The detectors; None draws them from the ranges of SensorConfig.
-            rng: Random generator, or the seed of one, for the detectors and their noise.
+            rng: Random generator, or the seed of one, for the detectors and their noise. One seed gives all frames the
+                same noise; frames that share a generator differ.
             rover_pan_deg: How far the mast is turned to the left of where the rover heads [deg], for a view with the
                 rover that carries the cameras and its shadow; None for a view without it.
 

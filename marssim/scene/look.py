@@ -35,17 +35,17 @@ class LookConfig:
     """Contrast of the ground's pattern of bright and dark patches, LOW HIGH: 0 has none, 1 is typical, 3 the most."""
     texture_strength: Range = (0.35, 1.2)
     """Height of the relief that is finer than the mesh (texture, which stereo matches), LOW HIGH: 0 has none, 1 is
-    typical, 3 the most."""
+    typical, 3 the most. Sand ripples grow with it up to 1.3. Stones, plates of bedrock and drifts do not follow it."""
     pebbles: Range = (0.2, 1.0)
-    """Number of the single pebbles of 0.5 to 4 cm on ground without sand, LOW HIGH: 0 has none, 1 the most."""
+    """Number of the single pebbles of 0.5 to 8 cm on ground without sand, LOW HIGH: 0 has none, 1 the most."""
     wind_ripples: Range = (0.2, 0.7)
-    """Share of the ground that is sand with hand-wide ripples, LOW HIGH, 0 to 1. Pebbles lie on the rest, except on
-    bedrock."""
+    """Share of the ground without gravel that is sand with hand-wide ripples, LOW HIGH, 0 to 1. Pebbles lie on the
+    rest, except on bedrock."""
     bedding: Range = (0.0, 0.4)
     """How clearly the faces of rocks show level beds, LOW HIGH: 0 shows none, 1 the most."""
     bedrock: Range = (0.0, 0.2)
-    """Share of the ground that the wind has swept, LOW HIGH, 0 to 1. Plates of bedrock show on a quarter to four fifths
-    of the swept ground."""
+    """How far the wind has swept the ground, LOW HIGH, 0 to 1: 0 shows no bedrock, 0.01 plates of it on some 6 % of the
+    ground, 0.2 on 15 %, 0.5 on 40 %, 1 on 80 %."""
     rock_dust: Range = (0.1, 0.6)
     """How much dust clings to the sides of the dustiest rocks, LOW HIGH: 0 has none, 1 the most. Dust lies on the tops
     of all rocks."""
@@ -53,9 +53,11 @@ class LookConfig:
     """Share of the ground where stones of 0.5 to 8 cm lie close together, LOW HIGH, 0 to 1: patches of it, or all of
     it."""
     gravel_size: Range = (0.012, 0.04)
-    """Commonest diameter of the stones in gravel [m], LOW HIGH, 0.005 to 0.08."""
+    """Diameter of the stones that cover most of the gravel [m], to a factor of two, LOW HIGH, 0.005 to 0.08. Smaller
+    ones are more numerous."""
     gravel_sorting: Range = (0.0, 0.7)
-    """How alike the stones of gravel are, LOW HIGH: 0 mixes all sizes, 1 has hardly any but the commonest."""
+    """How alike the stones of gravel are, LOW HIGH: 0 mixes all sizes, 1 has hardly any but those of
+    gravel_size."""
     drifts: Range = (0.3, 0.9)
     """How much sand lies against rocks and slabs, LOW HIGH: 0 has none, 1 the most. Mounds at their feet are up to 10
     cm high, and tails in the lee of rocks up to 14. Images and depth have it; the ground that a rover drives on does
@@ -86,7 +88,7 @@ class Look:
         bedrock: How much of the ground is swept bare down to bedrock, 0 to 1.
         rock_dust: How much dust clings to the dustiest rocks, 0 to 1.
         gravel: Share of the ground that is gravel, 0 to 1.
-        gravel_size: Commonest diameter of the stones in gravel [m].
+        gravel_size: Diameter of the stones that cover most of the gravel [m].
         gravel_sorting: How alike the stones of gravel are, 0 to 1.
         drifts: How much sand lies against rocks and slabs, 0 to 1.
         soil_albedo: Brightness of sand and soil over that of bright dust.

@@ -47,7 +47,7 @@ def draw_pose_of_rover(
     """
     obstacles = obstacle_discs(scene)
     for _ in range(TRIES):
-        pose = draw_pose(scene, view, rng)
+        pose = draw_pose(scene, view, rng, mast.baseline)
         if _stands_free(obstacles, rover_below(scene, pose, mast.baseline, mast.pan, rover), rover):
             return pose
     raise ValueError(

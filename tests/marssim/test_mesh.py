@@ -13,7 +13,7 @@ from marssim.engines.embree import TriangleRays
 from marssim.generation.config import GenerateConfig
 from marssim.generation.scene_views import draw_scene
 from marssim.mesh import SUFFIXES, encode_mesh, main, scene_mesh
-from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR
+from marssim.render.surfaces.albedo import GROUND_COLOUR, ROCK_COLOUR, ROCK_SCALE
 
 RIG = StereoRig(PinholeCamera.centred(96, 96, 110.0), 0.27)
 
@@ -69,7 +69,7 @@ def test_the_parts_keep_their_names_and_colours(scene):
     for name, part in parts.items():
         assert len(read_back.geometry[name].faces) == len(part.faces)
     colour = np.asarray(read_back.geometry["ground"].visual.vertex_colors)[0, :3]
-    assert colour == pytest.approx(np.round(255 * np.array(GROUND_COLOUR)), abs=1)
+    assert colour == pytest.approx(255 * scene.look.soil_albedo * np.array(GROUND_COLOUR), abs=1)
     # other files hold colours for the screen, which are brighter
     brighter = np.asarray(read(encode_mesh(parts, "ply"), "ply").visual.vertex_colors)[0, :3]
     assert (brighter > colour).all()
@@ -107,7 +107,8 @@ def test_each_rock_has_its_own_brightness(scene):
     np.testing.assert_array_equal(part.triangles, rocks.vertices[rocks.faces[kept]])
     brightness = np.repeat(rocks.albedo[rocks.face_rock[kept], None], 3, axis=1)  # of the corners of each face
     colours = part.visual.vertex_colors[part.faces, :3]
-    np.testing.assert_array_equal(colours, np.round(255 * brightness[..., None] * np.array(ROCK_COLOUR)))
+    bare = 255 * ROCK_SCALE * brightness[..., None] * np.array(ROCK_COLOUR)
+    np.testing.assert_allclose(colours, bare, atol=0.5)
 
 
 def test_a_place_without_rocks_has_none(scene):
@@ -201,7 +202,8 @@ def test_files_hold_the_normals_of_the_scene(scene, suffix):
 def test_colours_for_the_screen_are_those_of_the_albedo_with_gamma(scene, suffix):
     mesh = read(encode_mesh({"ground": scene_mesh(scene)["ground"]}, suffix), suffix)
     colour = np.asarray(mesh.visual.vertex_colors)[:, :3].astype(float)
-    assert np.abs(colour - 255 * np.power(GROUND_COLOUR, 1 / 2.2)).max() <= 2
+    soil = scene.look.soil_albedo * np.array(GROUND_COLOUR)
+    assert np.abs(colour - 255 * soil ** (1 / 2.2)).max() <= 2
 
 
 def test_bodies_outside_of_the_fine_square_are_left_out_by_either_coordinate(scene):

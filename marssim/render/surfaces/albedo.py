@@ -18,6 +18,7 @@ from marssim.scene.ground.noise import octave_value, octave_weight
 GROUND_COLOUR = (0.40, 0.262, 0.158)
 ROCK_COLOUR = (0.265, 0.205, 0.158)
 BED_COLOUR = (0.45, 0.335, 0.235)
+ROCK_SCALE = 1.25  # brightness of a rock of albedo 1 over ROCK_COLOUR
 STAIN_HUE = (0.0, 0.10, 0.22)  # how much more a stain changes each colour than red: bright stains are paler
 WHITEST = 0.9  # largest albedo of any surface
 BED_PALE = 0.8  # share of BED_COLOUR that bare bedrock shows: dust lies on it
@@ -97,7 +98,7 @@ def rock_at(stain, up, contrast, rock):
     stain: logarithm of its brightness; up: z of its normal; contrast: Look.albedo_contrast; rock: of ROCK.
     """
     dust = min(max((rock.film * (0.7 + 0.5 * up) + 1.2 * max(up - 0.6, 0.0)) * (1 - 1.5 * stain), 0.0), 0.8)
-    bare = rock.albedo * math.exp(np.float32(contrast * rock.stains * stain)) * 1.25 * (1 - dust)
+    bare = rock.albedo * math.exp(np.float32(contrast * rock.stains * stain)) * ROCK_SCALE * (1 - dust)
     red = ROCK_COLOUR[0] * bare * (1 + 0.10 * rock.red) + DUST * GROUND_COLOUR[0] * dust
     green = ROCK_COLOUR[1] * bare + DUST * GROUND_COLOUR[1] * dust
     blue = ROCK_COLOUR[2] * bare * (1 - 0.16 * rock.red) + DUST * GROUND_COLOUR[2] * dust

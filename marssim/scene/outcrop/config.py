@@ -39,7 +39,7 @@ class OutcropConfig:
     chips of 3 to 25 cm around slabs and ledges. 0 has none, 1 the most."""
     brightness: Range = (1.4, 2.1)
     """Brightness of slabs and ledges on the scale of rocks.albedo, LOW HIGH, 0.5 to 2.5. The bedrock that
-    look.bedrock shows has 1.3."""
+    look.bedrock shows has 1.1."""
 
     def __post_init__(self) -> None:
         check_ranges(self, OUTCROP_LIMITS)

@@ -44,14 +44,16 @@ class RockConfig:
     cluster: float = 0.3
     """Share of the rocks that lie beside a larger one, 0 to 1."""
     height_ratio: float = 0.5
-    """Mean height of the rocks above ground over their diameter, 0.1 to 1."""
+    """Mean height of the rocks above ground over their diameter, 0.1 to 1. No rock is lower than 0.15 or higher than 1
+    of its diameter, so 0.1 gives a mean of 0.16, and 1 one of 0.81."""
     buried: tuple[float, float] = (0.1, 0.7)
     """Share of a rock's height that is below ground, LOW HIGH, 0 to 0.75. Each rock draws its own, most of them from
     the middle of the range or a little above it. The more of a rock is buried, the lower is the rest."""
     families: tuple[float, float, float] = (0.45, 0.25, 0.3)
     """Relative numbers of angular, slabby and rounded rocks: three shares in any unit, 0 or more and not all 0."""
     albedo: float = 0.85
-    """Mean brightness of the rocks over that of the ground, 0.2 to 2.5."""
+    """Mean brightness of the bare rocks over that of bright dust, 0.2 to 2.5. Single rocks lie within 0.45 and 1.8 of
+    the mean. The dust on them draws what shows towards 0.85."""
     albedo_spread: float = 0.3
     """By how much the brightness of single rocks differs: standard deviation over the mean, 0 to 0.5."""
 

@@ -70,3 +70,11 @@ def test_a_rover_that_is_drawn_stands_in_no_rock(seed, pan):
     offset = corners[:, :2] - body[:2, 3]
     ahead, left = offset @ forward, offset @ [-forward[1], forward[0]]
     assert not ((np.abs(ahead) < ZHURONG.length / 2) & (np.abs(left) < ZHURONG.width / 2)).any()
+
+
+def test_with_a_long_baseline_the_right_camera_is_above_the_ground_too():
+    rng = np.random.default_rng(0)
+    for _ in range(8):
+        pose = draw_pose_of_rover(SCENE, ViewConfig(roll_deg=(-10.0, 10.0)), rng, Mast(8.0, 0.0))
+        right = pose[:3, 3] + 8.0 * pose[:3, 0]
+        assert right[2] >= SCENE.terrain.height_at(right[0], right[1]) + 0.2

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from marssim.render.surfaces.daylight import SKY_FALL, Daylight, daylight, skies
+from marssim.render.surfaces.shading import SKY_COLOUR
 from marssim.scene.look import LookConfig, draw_look, sun_direction
 
 LOOK = draw_look(LookConfig(), np.random.default_rng(0))
@@ -43,3 +44,19 @@ def test_dust_brightens_the_sky_away_from_the_sun_too():
     away = -light(30.0, 0.5).sun * [1, 1, -1]
     dark, bright = (skies(away[None], light(30.0, 0.5)._replace(optical_depth=depth)) for depth in (0.0, 1.0))
     assert (bright > 1.3 * dark).all()
+
+
+@pytest.mark.parametrize(
+    ("elevations", "depths", "least", "most"),
+    [((15, 40, 70), (0.3, 0.6, 1.0), 1.1, 1.9), ((20, 40, 70), (3.0,), 2.2, 2.6), ((20, 40, 70), (12.0,), 6.9, 7.8)],
+)
+def test_the_sky_in_view_is_brighter_than_its_light_on_level_ground(elevations, depths, least, most):
+    """As docs/results/scene.md says; the radiance of a sky of one brightness would be that of its light."""
+    up, around = np.meshgrid((np.arange(60) + 0.5) / 60, (np.arange(120) + 0.5) * np.pi / 60)
+    across = np.sqrt(1 - up**2)
+    directions = np.stack([across * np.cos(around), across * np.sin(around), up], axis=-1).reshape(-1, 3)
+    for elevation in elevations:
+        for depth in depths:
+            lit = light(elevation, depth)
+            seen = 2 * (skies(directions, lit) * directions[:, 2:]).mean(axis=0)
+            assert least < seen.mean() / (lit.skylight * np.mean(SKY_COLOUR)) < most

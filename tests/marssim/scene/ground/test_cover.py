@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from marssim.physics.soil.soil_map import SoilMap
 from marssim.render.relief.ground import ground_relief
 from marssim.scene.ground.cover import CELL, ground_cover
 from marssim.scene.ground.drifts import drifts_of, wind_direction
@@ -53,3 +54,14 @@ def test_a_scene_has_one_cover():
     assert ground_cover(place) is ground_cover(place)
     again = ground_cover(scene())
     np.testing.assert_array_equal(again.sand, ground_cover(place).sand)
+
+
+@pytest.mark.parametrize(("bedrock", "share"), [(0.0, 0.0), (0.01, 0.06), (0.2, 0.15), (0.5, 0.4), (1.0, 0.8)])
+def test_plates_of_bedrock_show_on_the_share_that_the_help_says(bedrock, share):
+    place = preset("utopia", size=32.0, horizon=34.0, cell=0.5)
+    place = build_scene(replace(place, rocks=replace(place.rocks, k=0.0)), 0)
+    bare = replace(place.look, bedrock=bedrock, gravel=0.0, drifts=0.0)
+    shares = [
+        SoilMap.of(replace(place, look=replace(bare, texture_seed=seed))).shares[..., 2].mean() for seed in range(12)
+    ]
+    assert np.mean(shares) == pytest.approx(share, abs=0.04)

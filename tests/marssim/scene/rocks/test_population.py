@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from marssim.base.dataset.sample import ROVER_CODE
+from marssim.scene.rocks.golombek import number_density
 from marssim.scene.rocks.population import MAX_BODIES, MAX_ROCKS, RockConfig, _beside_large, draw_population
 
 
@@ -47,3 +48,15 @@ def test_impossible_rocks_are_refused(bad):
 def test_rocks_lie_beside_a_large_one_within_its_radius():
     at = np.array([[0.45, 0.0], [0.55, 0.0], [0.0, -0.45]])
     assert _beside_large(at, np.array([1.0]), np.zeros((1, 2))).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(("k", "share"), [(0.15, 0.92), (0.2, 0.9), (0.4, 0.78)])
+def test_far_cobbles_are_fewer_than_by_the_law_by_those_that_would_lie_on_a_rock(k, share):
+    shares = []
+    for seed in range(3):
+        drawn = draw_population(RockConfig(k=k), 16.0, 44.0, np.random.default_rng(seed), ())
+        away = np.abs(drawn.xy).max(axis=1)
+        cobbles = (away >= 20) & (away < 32) & (drawn.diameter >= 0.12) & (drawn.diameter < 0.25)
+        by_law = number_density(np.array(0.12), k) - number_density(np.array(0.25), k)
+        shares.append(cobbles.sum() / (by_law * 4 * (32**2 - 20**2)))
+    assert np.mean(shares) == pytest.approx(share, abs=0.025)
