@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.suites.conditions import CONDITIONS, condition_values
-from envs.suites.held_out import SPLIT, held_out_seed, published_digest
+from envs.suites.held_out import SHORTEST, SPLIT, held_out_seed, published_digest
 from envs.suites.making import SEEDS, make_suite, suite_conditions, suite_text
 from envs.suites.suite import load_suite, packaged_suites, suite_schema
 from marssim.base.command.limits import check_least
@@ -115,11 +115,15 @@ def write_suite(config: MakeSuiteConfig) -> Path:
 
 
 def _passphrase(config: MakeSuiteConfig) -> str:
-    assert config.passphrase_file is not None
+    file = config.passphrase_file
+    assert file is not None
     try:
-        return config.passphrase_file.read_text(encoding="utf-8").strip()
+        passphrase = file.read_text(encoding="utf-8-sig").strip()  # some editors put a mark first
     except UnicodeDecodeError:
-        raise ValueError(f"--passphrase-file {config.passphrase_file}: is no text in UTF-8") from None
+        raise ValueError(f"--passphrase-file {file}: is no text in UTF-8") from None
+    if (length := len(passphrase)) < SHORTEST:
+        raise ValueError(f"--passphrase-file {file}: must hold {SHORTEST} characters or more, got {length}")
+    return passphrase
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -173,8 +173,8 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `condition=("clear", "storm")`, each scene draws one, and of a range, `{"optical_depth": (1, 3)}`, its strength.
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
-    of obstacles within 2.5 m (envs.courses.kept_scene). A reset with a seed or with options makes a new scene. A kept
-    scene takes no more memory, and its reset takes a small part of the time, with physics a fifth.
+    of obstacles within 2.5 m, or with a ditch the way back (envs.courses.kept_scene). A reset with a seed or options
+    makes a new scene. A kept scene takes no more memory, and its reset a small part of the time, with physics a fifth.
 
     Options of `reset`, for one episode:
 

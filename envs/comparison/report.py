@@ -45,7 +45,7 @@ def compare_methods(methods: Mapping[str, DrivenMethod]) -> list[dict[str, Any]]
     conditions = list(dict.fromkeys(condition for condition, _ in shared))
     rows = []
     for condition in (*conditions, OVERALL) if len(conditions) > 1 else conditions:
-        keys = [key for key in shared if condition in (OVERALL, key[0])]
+        keys = sorted(key for key in shared if condition in (OVERALL, key[0]))  # the bootstrap draws courses by place
         drives = {label: {key: scores(method.episodes[key]) for key in keys} for label, method in methods.items()}
         for label, driven in drives.items():
             values = np.array(list(driven.values()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import islice, product
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from envs.comparison.schema import results_schema
+from envs.courses.course import CourseConfig
 from envs.drivers.by_name import DRIVERS
 from envs.drives.config import shard_of
 from envs.drives.episodes import causes_of
@@ -175,6 +177,8 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
         return f"spl must be {expected:.6f} by its ways, got {episode['spl']}"
     if episode["success"] and episode["distance"] > GOAL_RADIUS + AIR:
         return f"distance must be at most {GOAL_RADIUS:g} m for an arrival, got {episode['distance']:g}"
+    if episode["success"] and episode["distance"] < (least := GOAL_RADIUS - _most_way(suite, 1)):
+        return f"distance must be at least {least:.2f} m after the step that arrives, got {episode['distance']:g}"
     if episode["outcome"] not in ANYWHERE and episode["distance"] < GOAL_RADIUS - AIR:
         return f"distance must be at least {GOAL_RADIUS:g} m for {episode['outcome']}, got {episode['distance']:g}"
     if (off := abs(apart - episode["distance"])) > episode["path_length"] + AIR:
@@ -186,7 +190,7 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     if episode["outcome"] == "collision" and (clearance is None or clearance > TOUCH):
         return f"min_clearance must be at most {TOUCH:g} m for a collision, got {clearance}"
     side = suite.conditions[episode["condition"]].get("image_pixels", EyesConfig.image_pixels)
-    return _fault_of_steps(episode, suite, apart) or _fault_of_depth(episode, side**2)
+    return _fault_of_steps(episode, suite) or _fault_of_looks(episode, suite) or _fault_of_depth(episode, side**2)
 
 
 def _fault_of_cause(episode: Mapping[str, Any]) -> str | None:
@@ -203,29 +207,48 @@ def _fault_of_cause(episode: Mapping[str, Any]) -> str | None:
     return None
 
 
-def _fault_of_steps(episode: Mapping[str, Any], suite: Suite, apart: float) -> str | None:
-    """Return in what steps, way and looks contradict each other or the distance of the goal [m]; None if in nothing."""
-    steps = episode["steps"]
-    if steps > (most_steps := int(STEPS_PER_METRE * apart + 1)):
+def _most_way(suite: Suite, steps: int) -> float:
+    """Return the way that a rover makes in a number of steps at most [m]."""
+    rigid = suite.drive["dynamics"] == "kinematic" and suite.drive["slip"] is None
+    return (1.0 if rigid else SLIDING) * STEP_WAY * steps + AIR
+
+
+def _fault_of_steps(episode: Mapping[str, Any], suite: Suite) -> str | None:
+    """Return in what steps and way contradict each other, the outcome or the suite; None if in nothing."""
+    steps, condition = episode["steps"], suite.conditions[episode["condition"]]
+    most_steps = round(STEPS_PER_METRE * condition.get("goal_distance", CourseConfig.goal_distance))
+    if steps > most_steps:
         return f"steps must be at most {most_steps}, got {steps}"
-    least = {"time": most_steps - 1, "stuck": STUCK_STEPS, **dict.fromkeys(BY_MOTION, 1)}.get(episode["outcome"], 0)
+    least = {"time": most_steps, "stuck": STUCK_STEPS, **dict.fromkeys(BY_MOTION, 1)}.get(episode["outcome"], 0)
     if steps < least:
         return f"steps must be at least {least} for {episode['outcome']}, got {steps}"
-    rigid = suite.drive["dynamics"] == "kinematic" and suite.drive["slip"] is None
-    most_way = (1.0 if rigid else SLIDING) * STEP_WAY * steps + AIR
-    if episode["path_length"] > most_way:
+    if episode["path_length"] > (most_way := _most_way(suite, steps)):
         return f"path_length must be at most {most_way:.2f} m in {steps} steps, got {episode['path_length']:g}"
-    looks, every = episode.get("looks"), suite.conditions[episode["condition"]].get("look_every", 0)
-    if looks is not None and (looks > steps + 1 or (not every and looks < steps + 1)):
-        most = "at most " if every else ""
-        return f"looks must be {most}{steps + 1}, one before the first step and one after each, got {looks}"
-    blind = episode.get("blind")
-    if blind is not None and blind > (most_blind := steps + 1 if looks is None else looks):
-        return f"blind must be at most {most_blind}, the number of looks, got {blind}"
     if suite.drive["slip"] is None:
         for name in ("slip", "energy"):
             if episode.get(name) is not None:
                 return f"{name} must be null, as the wheels do not slip in {suite.name}, got {episode[name]!r}"
+    return None
+
+
+def _fault_of_looks(episode: Mapping[str, Any], suite: Suite) -> str | None:
+    """Return in what the looks contradict the steps and the way; None if in nothing."""
+    steps, way, looks = episode["steps"], episode["path_length"], episode.get("looks")
+    every = suite.conditions[episode["condition"]].get("look_every", 0)
+    if looks is not None and not every and looks != steps + 1:
+        return f"looks must be {steps + 1}, one before the first step and one after each, got {looks}"
+    if looks is not None and every:  # the rover looks at the start, after each so many metres, and where it stands
+        per_step = _most_way(suite, 1) - AIR
+        least = math.ceil((way - AIR) / (every + per_step))
+        most = 1 + steps - math.ceil((way - AIR) / per_step) + math.floor((way + AIR) / every)
+        if not least <= looks <= most:
+            wanted = f"lie within {least} and {most}"
+            return f"looks must {wanted} for {steps} steps, {way:g} m and a look every {every:g} m, got {looks}"
+    blind = episode.get("blind")
+    if blind is not None and blind > (most_blind := steps + 1 if looks is None else looks):
+        return f"blind must be at most {most_blind}, the number of looks, got {blind}"
+    if blind and blind == looks and episode.get("abs_rel") == 0:
+        return "abs_rel must be above 0 where all looks are blind, got 0"
     return None
 
 

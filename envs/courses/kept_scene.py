@@ -16,7 +16,8 @@ def another_course(course: Course, config: CourseConfig, rng: np.random.Generato
     """Draw another start and goal, free of obstacles within 2.5 m, and a heading at the start.
 
     The sun stays where it is, and so does a ditch: with config.into_sun the goal lies in the sun's direction, and with
-    config.ditch the rover drives back between the same two places. It does so too where the scene has no two others.
+    config.ditch the rover drives back between the same two places, whose surroundings may be less free. It does so too
+    where the scene has no two others. With both settings, it drives the same course again, from another heading.
 
     Args:
         course: A course in the scene.
@@ -29,7 +30,7 @@ def another_course(course: Course, config: CourseConfig, rng: np.random.Generato
         other = course if config.into_sun else _between(course, goal, start)
     bearing = np.arctan2(*(other.goal - other.start[:2])[::-1])
     yaw = bearing + rng.uniform(-OFF_COURSE, OFF_COURSE)
-    return replace(other, start=np.array([*other.start[:2], yaw]))
+    return replace(other, start=np.array([*other.start[:2], yaw]), redraws=0)
 
 
 def _elsewhere(course: Course, config: CourseConfig, rng: np.random.Generator) -> Course | None:

@@ -212,7 +212,8 @@ def summarise(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
         ends 1 m before the goal and L may be 2.7 % too long. failures: numbers by the classes of FAILURES.
         near_miss_rate: share of episodes with near_miss. abs_rel: of the depth on the way, None with the ground truth.
         slip, energy: as of EpisodeRecord, None for wheels that do not slip.
-        unreachable_share: share of the drawn goals without a way on the true ground, which were drawn again.
+        unreachable_share: share of the drawn courses without a way on the true ground, or with steep ground at an
+            end, which were drawn again.
 
     Raises:
         ValueError: Without episodes.

@@ -9,23 +9,30 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from envs.drives.metrics import wilson_interval
+from envs.drives.episodes import Cell, EpisodeRecord
+from envs.drives.metrics import effective_drives, wilson_interval
 from m3depth.figures.drawing import legend_labels, method_styles, plain_label, save
 
 Group = tuple[str, str]
 
 
-def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mapping[str, float] | None = None) -> None:
+def plot_success(
+    path: Path,
+    results: Sequence[dict[str, Any]],
+    records: Sequence[EpisodeRecord],
+    test_set: Mapping[str, float] | None = None,
+) -> None:
     """Plot success against k (left, slopes pooled) and against Abs Rel on the way (right, a point for each cell).
 
     Of drives under conditions, the left plot shows success by condition instead, with k and slopes pooled.
 
     The right plot is left out if all was driven by true depth. Bars are 95 % Wilson intervals. Where slopes are pooled,
-    the number of trials is that of courses with different numbers, as courses of one number have their rocks in common.
+    the drives count as many as effective_drives says, as courses of one number have their rocks in common.
 
     Args:
         path: File of the picture.
         results: Rows of results.json.
+        records: The records of their drives.
         test_set: Abs Rel of perceptions on their test set, as dotted lines in the right plot.
     """
     erring = any(r["abs_rel"] is not None for r in results)
@@ -37,12 +44,13 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     labels = legend_labels([", ".join(group) for group in groups])
     for n, (group, label, style) in enumerate(zip(groups, labels, method_styles(), strict=False)):
         rows = [r for r in results if (r["driver"], r["perception"]) == group]
+        drives = [record for record in records if (record.driver, record.perception) == group]
         aside = n - (len(groups) - 1) / 2
         if by_condition:
-            pooled = pool_by(rows, "condition", conditions)
+            pooled = pool_by(rows, drives, "condition", conditions)
             at = [conditions.index(condition) + min(0.12, 0.8 / len(groups)) * aside for condition in pooled]
         else:
-            pooled = pool_by(rows, "k", sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0))
+            pooled = pool_by(rows, drives, "k", sorted({r["cell"]["k"] for r in rows}, key=lambda k: k or 0.0))
             at = [(k or 0.0) + 0.0008 * aside for k in pooled]
         _bars(by_k, at, list(pooled.values()), style, label, line=not by_condition)
         for by_error in others:
@@ -82,25 +90,29 @@ def plot_success(path: Path, results: Sequence[dict[str, Any]], test_set: Mappin
     save(figure, path)
 
 
-def pool_by(rows: Sequence[dict[str, Any]], key: str, values: Sequence[Any]) -> dict[Any, tuple[float, int]]:
-    """Return for each value of a cell the share of arrivals and the number of courses with different numbers.
+def pool_by(
+    rows: Sequence[dict[str, Any]], records: Sequence[EpisodeRecord], key: str, values: Sequence[Any]
+) -> dict[Any, tuple[float, float]]:
+    """Return for each value of a cell the share of arrivals, and as how many independent drives they count.
 
     Args:
         rows: Rows of results.json of one driver and perception.
+        records: The records of their drives.
         key: Key of the cell: "k" or "condition".
-        values: The values, in order. Those without a row are left out.
+        values: The values, in order. Those without a drive are left out.
     """
-    out: dict[Any, tuple[float, int]] = {}
+    out: dict[Any, tuple[float, float]] = {}
     for value in values:
-        same = [r for r in rows if r["cell"].get(key) == value]
-        if same:
-            arrived = sum(round(r["success_rate"] * r["episodes"]) for r in same)
-            out[value] = (arrived / sum(r["episodes"] for r in same), max(r["episodes"] for r in same))
+        cells = {Cell(**r["cell"]).name for r in rows if r["cell"].get(key) == value}
+        drives = [record for record in records if record.cell in cells]
+        if drives:
+            arrived = np.array([float(record.outcome == "goal") for record in drives])
+            out[value] = (float(arrived.mean()), effective_drives(arrived, [record.episode for record in drives]))
     return out
 
 
 def _bars(
-    axes: Any, x: list[float], points: list[tuple[float, int]], style: dict[str, Any], label: str, line: bool
+    axes: Any, x: list[float], points: list[tuple[float, float]], style: dict[str, Any], label: str, line: bool
 ) -> None:
     """Plot points (share of arrivals, number of trials) with their intervals."""
     if not points:

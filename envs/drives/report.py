@@ -23,10 +23,11 @@ drives that arrived; a drive ends before the goal, so this may be below 1. Colli
 with a rock that blocks. Near misses: drives without a collision whose footprint came within {100 * NEAR_MISS:.0f} cm of
 such a rock, a drop or steep ground. No path: the driver gave up. Safety: collision, tilt or out of bounds. Time: time
 ran out, or the rover was stuck. Elsewhere: by its odometry the driver believed that it was at the goal, and it was not.
-Tilt: the largest. Abs Rel: error of the depth on the way, where unknown depth counts as 80 m. Unreachable: goals
-without a path to them, which were drawn again. s / step: seconds of driver, perception and simulation. Differences
-(below) have 95 % intervals: that of success is Newcombe's for paired proportions, that of SPL by the paired bootstrap
-over the courses. Drives on courses of one number, which resemble each other, count as fewer."""
+Tilt: the largest. Abs Rel: error of the depth on the way, where unknown depth counts as 80 m. Unreachable: share of the
+drawn courses without a path, or with steep ground at an end, which were drawn again. s / step: seconds of driver,
+perception and simulation. Differences (below) have 95 % intervals: that of success is Newcombe's for paired
+proportions, that of SPL by the paired bootstrap over the courses. Drives on courses of one number, which resemble each
+other, count as fewer."""
 
 NO_INTERVAL = "no interval: all courses differ by the same amount, so the bootstrap says nothing about other courses"
 FEW_COURSES = f"no interval: fewer than {FEWEST_CLUSTERS} courses"
@@ -48,7 +49,7 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
     page += failures(records) + looks_without_depth(records) + ground_as_sky(records) + soil(content["results"])
     write_atomically(out / "results.md", (page + errors_beside(content["test_set_abs_rel"], records)).encode())
-    plot_success(out / "success.png", content["results"], content["test_set_abs_rel"])
+    plot_success(out / "success.png", content["results"], records, content["test_set_abs_rel"])
     plot_maps(out / "maps", records)
 
 
@@ -112,7 +113,8 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         )
     lines += ["", LEGEND]
     if marked:
-        lines += ["", f"\\* More than {100 * UNREACHABLE_MARK:.0f} % of the drawn goals had no path to them."]
+        share = f"{100 * UNREACHABLE_MARK:.0f} %"
+        lines += ["", f"\\* More than {share} of the drawn courses had no path, or steep ground at an end."]
     return "\n".join(lines) + "\n"
 
 

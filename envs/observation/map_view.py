@@ -40,8 +40,8 @@ class MapView:
 
         Returns:
             (3, 64, 64) float32. Channel 0: height above the rover / 2 m in [-1, 1], 0 where unknown. Channel 1: cost of
-            driving in [0, 1], 1 at obstacles. Channel 2: 1 where the ground was seen or is assumed to be flat (about
-            the start, and under the rover), else 0.
+            driving in [0, 1], the largest of the map's cells in a pixel; 1 at obstacles. Channel 2: 1 where the ground
+            was seen or is assumed to be flat (about the start, and under the rover), else 0.
         """
         self.map.recentre(pose[:2, 3])
         self.map.assume_under(pose, self.spec.length, self.spec.width)
@@ -58,5 +58,16 @@ class MapView:
         top = self.map.top[y, x]
         measured = np.isfinite(top)
         height = np.clip((np.where(measured, top, pose[2, 3]) - pose[2, 3]) / HEIGHT_LIMIT, -1, 1)
-        cost = np.where(ground.blocked[y, x], 1.0, np.clip(ground.cost[y, x] / COST_LIMIT, 0, 1))
-        return np.stack([height, cost, measured]).astype(np.float32)
+        cost = np.where(ground.blocked, 1.0, np.clip(ground.cost / COST_LIMIT, 0, 1))
+        return np.stack([height, self._largest(cost, pose), measured]).astype(np.float32)
+
+    def _largest(self, cost: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the largest value (64, 64) of the map's cells (n, n) whose middles lie in each pixel."""
+        x, y = np.meshgrid(*(middle - at for middle, at in zip(self.map.centres(), pose[:2, 3], strict=True)))
+        c, s = pose[:2, 0] / np.hypot(*pose[:2, 0])
+        ahead, left = c * x + s * y, c * y - s * x
+        row, column = (np.floor(PIXELS / 2 - along / CELL).astype(int) for along in (ahead, left))
+        seen = (row >= 0) & (row < PIXELS) & (column >= 0) & (column < PIXELS)
+        out = np.zeros((PIXELS, PIXELS))  # a pixel of 0.2 m holds the middle of a cell of 0.1 m, however it is turned
+        np.maximum.at(out, (row[seen], column[seen]), cost[seen])
+        return out

@@ -47,7 +47,7 @@ def interval(
     The middle 95 % of the resampled values are too narrow an interval with few clusters: they spread by the deviation
     of the sample with n instead of n - 1, and have the tails of the normal distribution instead of Student's
     (Hesterberg 2015, "What teachers should know about the bootstrap"). So both ends are moved away from the estimate by
-    the factor sqrt(n / (n - 1)) t / z, with n - 1 degrees of freedom: 1.88 for 4 clusters, 1.10 for 20.
+    the factor sqrt(n / (n - 1)) t / z, with n - 1 degrees of freedom: 1.87 for 4 clusters, 1.10 for 20.
 
     Args:
         resampled: (draws,) the statistic of each sample, as of resampled_means.

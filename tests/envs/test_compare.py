@@ -10,7 +10,7 @@ import pytest
 
 import envs.compare
 from envs.compare import CompareConfig, compare, main
-from envs.comparison.suite_results import SuiteResults, _fault_of_steps
+from envs.comparison.suite_results import SuiteResults, _fault_of_looks, _fault_of_steps
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 
@@ -162,7 +162,9 @@ def test_results_that_cannot_be_true_are_refused_in_one_line(edited, small_suite
         (("collision", 0.0, 0.0, 9), r"path_length must be at least 3.00 m, by the distances of the goal, got 0"),
         (("elsewhere", 1.0, 5.0, 9), r"path_length must be at least 2.00 m, by the distances of the goal, got 1"),
         (("no_path", 3.0, 0.5, 9), r"distance must be at least 1 m for no_path, got 0.5"),
-        (("time", 3.0, 2.0, 9), r"steps must be at least 44 for time, got 9"),
+        (("time", 3.0, 2.0, 9), r"steps must be at least 45 for time, got 9"),
+        (("no_path", 3.0, 2.0, 46), r"steps must be at most 45, got 46"),
+        (("goal", 3.0, 0.4, 9), r"distance must be at least 0.55 m after the step that arrives, got 0.4"),
         (("stuck", 0.1, 3.0, 4), r"steps must be at least 5 for stuck, got 4"),
         (("out_of_bounds", 0.0, 3.0, 0), r"steps must be at least 1 for out_of_bounds, got 0"),
     ],
@@ -238,9 +240,10 @@ def test_methods_of_several_files_are_compared_by_course(
     def arrive(content):
         for episode in content["episodes"]:
             way = max(episode["path_length"], episode["shortest"])
-            episode.update(outcome="goal", success=True, distance=0.5, path_length=way, spl=episode["shortest"] / way)
-            more = max(math.ceil(way / 0.4) - episode["steps"], 0)
-            episode.update(steps=episode["steps"] + more, looks=episode["looks"] + more)
+            episode.update(outcome="goal", success=True, distance=0.7, path_length=way, spl=episode["shortest"] / way)
+            steps = max(math.ceil(way / 0.4), episode["steps"])
+            looks = steps + 1 if episode["condition"] == "clear" else math.ceil(way / 1.4)  # as for a look every metre
+            episode.update(steps=steps, looks=looks)
             episode.update(perception="theirs", **NO_ERRORS)
 
     theirs = edited(arrive)
@@ -392,4 +395,23 @@ def test_files_of_two_splits_are_refused(monkeypatch):
 def test_a_rover_that_slides_may_make_more_way_than_its_wheels():
     suite = SimpleNamespace(drive={"dynamics": "kinematic", "slip": "scene"}, conditions={"clear": {}})
     episode = {"steps": 10, "outcome": "no_path", "path_length": 5.0, "condition": "clear"}  # 0.4 m a step without slip
-    assert _fault_of_steps(episode, suite, 10.0) is None
+    assert _fault_of_steps(episode, suite) is None
+
+
+@pytest.mark.parametrize("looks", [10, 11, 15, 16])
+def test_looks_that_come_once_in_a_while_follow_from_the_way_and_the_steps(looks):
+    """47 m in 121 steps with a look every 4 m: 11 or 12 on the way, and up to 3 where the rover stood."""
+    suite = SimpleNamespace(drive={"dynamics": "kinematic", "slip": None}, conditions={"rare": {"look_every": 4.0}})
+    episode = {"steps": 121, "path_length": 47.0, "condition": "rare", "looks": looks}
+    fault = _fault_of_looks(episode, suite)
+    if 11 <= looks <= 15:
+        assert fault is None
+    else:
+        assert fault == f"looks must lie within 11 and 15 for 121 steps, 47 m and a look every 4 m, got {looks}"
+
+
+def test_a_method_that_saw_nothing_has_an_error():
+    suite = SimpleNamespace(conditions={"clear": {}})
+    episode = {"steps": 5, "path_length": 1.0, "condition": "clear", "looks": 6, "blind": 6}
+    assert _fault_of_looks({**episode, "abs_rel": 4.0}, suite) is None
+    assert "abs_rel must be above 0 where all looks are blind" in str(_fault_of_looks({**episode, "abs_rel": 0}, suite))

@@ -58,6 +58,22 @@ def test_a_passphrase_that_is_no_text_is_named(small_suite, tmp_path, capsys):
     assert capsys.readouterr().err == f"error: --passphrase-file {tmp_path / 'secret'}: is no text in UTF-8\n"
 
 
+def test_a_short_passphrase_is_named_by_its_file(small_suite, tmp_path, capsys):
+    secret = tmp_path / "secret"
+    secret.write_text("x")
+    assert main(["--held-out", str(small_suite), "--passphrase-file", str(secret)]) == 2
+    assert capsys.readouterr().err == f"error: --passphrase-file {secret}: must hold 16 characters or more, got 1\n"
+
+
+def test_the_mark_that_some_editors_put_first_is_no_part_of_a_passphrase(small_suite, tmp_path, capsys):
+    digests = []
+    for encoding in ("utf-8", "utf-8-sig"):
+        (tmp_path / encoding).write_text("correct horse battery", encoding=encoding)
+        assert main(["--held-out", str(small_suite), "--passphrase-file", str(tmp_path / encoding)]) == 0
+        digests.append(capsys.readouterr().out)
+    assert digests[0] and digests[0] == digests[1]
+
+
 def test_a_suite_that_is_not_in_the_package_is_named_by_its_flag(passphrase, capsys):
     assert main(["--held-out", "nope", "--passphrase-file", passphrase]) == 2
     error = capsys.readouterr().err

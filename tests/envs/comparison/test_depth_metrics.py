@@ -5,6 +5,7 @@ from scipy.stats import t as student
 
 from envs.comparison.depth_metrics import (
     METRICS,
+    _pearson,
     condition_dots,
     correlate,
     correlation,
@@ -196,6 +197,12 @@ def test_pearsons_correlation_is_with_the_metric_itself_where_a_dot_has_no_error
     assert row["metric"] == "abs_rel" and not row["logarithmic"]
     assert row["pearson"] == pytest.approx(pearsonr([0.0, 0.1, 0.2, 0.02], [1.0, 0.8, 0.6, 0.45])[0])
     assert "by the logarithm |" not in correlation_table([row])
+
+
+def test_without_a_course_a_dot_without_error_has_no_logarithm(recwarn):
+    errors = (0.0, 0.1, 0.2, 0.02)
+    dots = condition_dots({"eyes": method("eyes", (1.0, 0.8, 0.6, 0.45), errors)})
+    assert np.isnan(_pearson("abs_rel", "success_rate", True, dots)) and not recwarn.list
 
 
 def test_a_single_value_has_no_correlation():

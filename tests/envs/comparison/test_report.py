@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -140,3 +142,10 @@ def test_any_name_of_a_method_can_be_drawn(tmp_path, name, drawn_figures):
     shown = [text.get_text() for text in drawn_figures[0].legends[0].get_texts()]
     assert [text.replace("\\$", "$").strip() for text in shown] == [f"{name} (first)", "eyes"]
     assert (tmp_path / "comparison.png").is_file()
+
+
+def test_intervals_do_not_depend_on_the_order_of_the_episodes():
+    rng = np.random.default_rng(0)
+    method = driven([*rng.random(9)])
+    other = replace(method, episodes=dict(reversed(method.episodes.items())))
+    assert compare_methods({"a": method})[0] == compare_methods({"a": other})[0]

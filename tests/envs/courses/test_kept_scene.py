@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,13 @@ def test_the_rover_drives_back_where_a_ditch_lies_or_no_other_places_are(rocky, 
     np.testing.assert_array_equal(back.goal, rocky.start[:2])
     np.testing.assert_array_equal(forth.goal, rocky.goal)
     assert back.shortest == pytest.approx(rocky.shortest, rel=0.05)
+
+
+def test_under_the_sun_and_with_a_ditch_the_same_course_is_driven_from_another_heading(rocky):
+    (again,) = courses(replace(rocky, redraws=3), 1, ditch=True, into_sun=True, goal_distance=12.0)
+    np.testing.assert_array_equal(again.start[:2], rocky.start[:2])
+    np.testing.assert_array_equal(again.goal, rocky.goal)
+    assert again.start[2] != rocky.start[2] and again.redraws == 0  # nothing was drawn again
 
 
 def test_without_a_clear_place_it_drives_back(make_scene, make_course):

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
-from envs.drives.metrics import FAILURES, summarise
+from envs.drives.metrics import FAILURES, effective_drives, summarise
 from envs.drives.plots import plot_success, pool_by
 from envs.drives.report import (
     FEW_COURSES,
@@ -39,6 +39,9 @@ ROW = {
     "failures": {"no feasible path": 1, "safety limit": 2, "time": 0, "elsewhere": 3}, "max_tilt_deg": 17.4,
     "abs_rel": 0.0123, "unreachable_share": 0.09, "step_seconds": 0.356,
 }  # fmt: skip
+
+
+DRIVE_OF_ROW = replace(DRIVE, cell="k=0.07, slope=preset")
 
 
 def test_a_row_of_the_table():
@@ -308,17 +311,23 @@ def test_relief_is_drawn_as_contours_an_interval_for_the_page(tmp_path, monkeypa
 
 
 def test_slopes_are_pooled_for_each_k():
-    rows = [
-        {**ROW, "cell": {"k": k, "slope_deg": s}, "episodes": 10, "success_rate": rate}
-        for k, s, rate in ((0.2, 0, 0.4), (0.1, 0, 1.0), (0.1, 10, 0.8))
+    goals = {(0.2, 0.0): 4, (0.1, 0.0): 10, (0.1, 10.0): 8}
+    rows = [{**ROW, "cell": {"k": k, "slope_deg": slope}} for k, slope in goals]
+    drives = [
+        replace(DRIVE, cell=Cell(*cell).name, episode=n, outcome="goal" if n < count else "time")
+        for cell, count in goals.items()
+        for n in range(10)
     ]
-    pooled = pool_by(rows, "k", [0.1, 0.2, 0.3])
-    assert pooled == {0.1: (0.9, 10), 0.2: (0.4, 10)} and list(pooled) == [0.1, 0.2]
+    pooled = pool_by(rows, drives, "k", [0.1, 0.2, 0.3])
+    assert list(pooled) == [0.1, 0.2] and pooled[0.2] == (pytest.approx(0.4), pytest.approx(10))
+    share, number = pooled[0.1]
+    arrived, courses = np.repeat([1.0, 1.0, 0.0], [10, 8, 2]), [*range(10), *range(10)]
+    assert share == pytest.approx(0.9) and number == effective_drives(arrived, courses) and 10 < number < 20
 
 
 def test_success_is_plotted_without_depth_errors_too(tmp_path):
     for name, error in (("known", 0.02), ("unknown", None)):
-        plot_success(tmp_path / f"{name}.png", [{**ROW, "abs_rel": error}])
+        plot_success(tmp_path / f"{name}.png", [{**ROW, "abs_rel": error}], [DRIVE_OF_ROW])
     both, alone = (cv2.imread(str(tmp_path / f"{name}.png")) for name in ("known", "unknown"))
     assert both.shape[0] == alone.shape[0] and both.shape[1] > 1.8 * alone.shape[1]  # no panel that shows nothing
     dark = [(picture < 128).all(axis=2).sum() for picture in (alone, both[:, : alone.shape[1]])]
@@ -327,7 +336,7 @@ def test_success_is_plotted_without_depth_errors_too(tmp_path):
 
 def test_the_test_sets_error_is_a_line_of_its_own(tmp_path):
     for name, test_set in (("with", {"sgbm": 0.013}), ("without", {"m3depth": 0.013})):
-        plot_success(tmp_path / f"{name}.png", [ROW], test_set)
+        plot_success(tmp_path / f"{name}.png", [ROW], [DRIVE_OF_ROW], test_set)
     pictures = [cv2.imread(str(tmp_path / f"{name}.png")) for name in ("with", "without")]
     assert pictures[0].shape == pictures[1].shape and (pictures[0] != pictures[1]).any()
 

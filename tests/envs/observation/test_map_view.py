@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from envs.observation.map_view import CELL, PIXELS, MapView
 from envs.world.perception import Sight
@@ -66,3 +68,18 @@ def test_a_turned_mast_shows_what_lies_aside(on_course, make_scene, make_course,
     pan = side * 0.4 * np.pi
     assert env.sight.pan == pytest.approx(pan)
     assert seen(pan) > 0.5 and seen(0.0) == seen(-pan) == 0
+
+
+@given(st.floats(-np.pi, np.pi), st.integers(-40, 40), st.integers(-40, 40), st.floats(0, 0.1))
+def test_an_obstacle_of_one_cell_is_shown_however_the_rover_is_turned(yaw, aside, along, offset):
+    view, place = MapView(ZHURONG), pose(offset, -offset, yaw)
+    view.start(place)
+    column, row = np.array([aside, along]) + view.map.cell_of(place[:2, 3])
+    only = np.zeros((view.map.n, view.map.n))
+    only[row, column] = 1.0
+    shown = view._largest(only, place)
+    x, y = view.map.centres()
+    ahead, left = (np.array([x[column], y[row]]) - place[:2, 3]) @ place[:2, :2]
+    at = np.floor(PIXELS / 2 - np.array([ahead, left]) / CELL).astype(int)
+    assert shown.sum() == shown[tuple(at)] == 1
+    assert (view._largest(only + 0.5, place) >= 0.5).all()  # every pixel holds the middle of a cell
