@@ -1,6 +1,6 @@
 """Makes a blind comparison of real and rendered ground: numbered grey crops, shuffled, and the key to them.
 
-python docs/blind_comparison.py --images real --out blind/draw1 --key blind/key1.json --seed 1
+    python docs/blind_comparison.py --images real --out blind/draw1 --key blind/key1.json --seed 1
 
 The folder of real images holds the files that FRAMES names, as the Planetary Data System and the raw image pages of
 Curiosity publish them (NASA/JPL-Caltech). A real crop is cut from ground with stones. A rendered crop has the focal

@@ -1,6 +1,6 @@
 """Makes the figure of docs/results/look.md, real ground beside rendered ground: images/look.jpg.
 
-python docs/make_look_figure.py --images real
+    python docs/make_look_figure.py --images real
 
 The folder holds the real images, as for blind_comparison.py, whose crops these are.
 """

@@ -1,8 +1,8 @@
 """Makes the figures of real ground in the README, in results/depth.md and in guides/own-images.md.
 
-python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
-python docs/make_real_figure.py NLB_524534514EDR_F0562034NCAM00280M_.jpeg NRB_524534514EDR_F0562034NCAM00280M_.jpeg
-python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG --guide
+    python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
+    python docs/make_real_figure.py NLB_524534514EDR_F0562034NCAM00280M_.jpeg NRB_524534514EDR_F0562034NCAM00280M_.jpeg
+    python docs/make_real_figure.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG --guide
 
 The product of the first call is the left image of Perseverance's navigation cameras, from the Planetary Data System;
 the right one lies beside it. m3depth.rectify makes a rectified pair of the two, by the camera models in their labels.

@@ -1,6 +1,6 @@
 """Makes the pictures of guides/view.md and guides/score.md: docs/images/view.jpg and docs/images/side_by_side.jpg.
 
-python docs/make_view_figures.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
+    python docs/make_view_figures.py NLMV0709_0729882743_168RAD_N0332841TRAV00262_0A02LLJ01.IMG
 
 The product is the left image of Perseverance's navigation cameras, from the Planetary Data System; the right one lies
 beside it. m3depth.rectify makes a rectified pair of the two, m3depth.predict predicts its depth, and headless Chromium

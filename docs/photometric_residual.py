@@ -1,6 +1,6 @@
 """Measures the photometric residual of methods and of the true disparity on pairs with ground truth.
 
-python docs/photometric_residual.py --data data/gravel data/gale --split all --limit 6 --out out/residual
+    python docs/photometric_residual.py --data data/gravel data/gale --split all --limit 6 --out out/residual
 
 Real Mars images have no true depth, and the photometric residual is what m3depth.evaluate scores there. On rendered
 pairs, this command says how far the residual of a method is from that of the truth itself, which is not zero: pixels

@@ -1,7 +1,7 @@
 """Measures how far the pixels lie that a feature, or the disparity, of M3Depth depends on: with and without WEFE.
 
-python docs/receptive_field.py --data data/gale --out out/field --weights runs/lite/weights.safetensors \\
-    runs/lite-no-wefe/weights.safetensors
+    python docs/receptive_field.py --data data/gale --out out/field --weights runs/lite/weights.safetensors \\
+        runs/lite-no-wefe/weights.safetensors
 
 The effective receptive field (Luo, Li, Urtasun and Zemel: "Understanding the Effective Receptive Field in Deep
 Convolutional Neural Networks", NIPS 2016) is the gradient of the output at the middle with respect to the input: here

@@ -1,7 +1,7 @@
 """Measures how the error of disparity falls from refinement step to refinement step.
 
-python docs/refinement_steps.py --data data/gale data/gusev --split all --out out/steps --weights shipped \\
-    runs/raft-stereo/weights.safetensors
+    python docs/refinement_steps.py --data data/gale data/gusev --split all --out out/steps --weights shipped \\
+        runs/raft-stereo/weights.safetensors
 
 The weights are those of M3Depth, RAFT-Stereo, Selective-Stereo or CREStereo. For each step, --out gets the mean error
 of disparity (EPE) over the pairs, of non-occluded pixels, which both cameras see, and of occluded ones, with 95 %

@@ -1,6 +1,6 @@
 """Scores the way of raw pairs to depth against truth: a table of docs/results/depth.md.
 
-python docs/score_round_trip.py --rig-file rig.json --out out/round_trip
+    python docs/score_round_trip.py --rig-file rig.json --out out/round_trip
 
 The pairs are rendered as the cameras of the rig take them, written with every calibration that holds its lenses,
 rectified with each by m3depth.rectify's function, and predicted. The same scenes are also rendered as a rectified pair

@@ -1,7 +1,7 @@
 """Writes the page that compares methods: scores, error by depth, cost and training.
 
-python docs/scoring/compare_methods.py --scores out/manifest --runs runs/lite runs/raft-stereo --out out/methods
-python docs/scoring/compare_methods.py --records out/methods/records/lite.json out/b/records/hit-net.json --out out/all
+    python docs/scoring/compare_methods.py --scores out/manifest --runs runs/lite runs/raft-stereo --out out/methods
+    python docs/scoring/compare_methods.py --records out/a/records/lite.json out/b/records/hit-net.json --out out/all
 
 SCORES is the --out of docs/scoring/score_manifest.py, whose call had the weights of all runs. Methods that it scored
 beside them, such as SGBM, are in the tables too. OUT/records gets a file for each method (method_records.py), and

@@ -1,7 +1,7 @@
 """The depth of `lite` without its normals, for docs/scoring/score_manifest.py.
 
-python docs/scoring/score_manifest.py --data data/manifest --out out/depth-alone --sizes 512 --no-map --baselines none \
-    --sets clean degraded sun10 --estimator "lite, depth alone=depth_alone:DepthAlone"
+    python docs/scoring/score_manifest.py --data data/manifest --out out/depth-alone --sizes 512 --no-map \\
+        --baselines none --sets clean degraded sun10 --estimator "lite, depth alone=depth_alone:DepthAlone"
 
 m3depth.evaluate fits planes to the depth of a method without normals. So this row of the tables has the normals that
 the depth of `lite` gives without any network, beside those of `fusion` and `geo-net`, which are given the same depth.

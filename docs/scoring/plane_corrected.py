@@ -1,8 +1,8 @@
 """The depth of `lite`, corrected by its normals, for docs/scoring/score_manifest.py.
 
-python docs/scoring/score_manifest.py --data data/manifest --out out/planes --sizes 512 --no-map --baselines none \
-    --sets clean degraded sun10 --weights docs/results/methods/weights/lite.safetensors \
-    --estimator "lite, corrected by its normals=plane_corrected:PlaneCorrected"
+    python docs/scoring/score_manifest.py --data data/manifest --out out/planes --sizes 512 --no-map --baselines none \\
+        --sets clean degraded sun10 --weights docs/results/methods/weights/lite.safetensors \\
+        --estimator "lite, corrected by its normals=plane_corrected:PlaneCorrected"
 
 GeoNet corrects depth by normals (Qi et al., CVPR 2018, Eq. 7 and 8): each pixel of a window says where its own plane
 meets the ray of the middle one, and their weighted mean is the corrected depth. Here the normals are those of `lite`.

@@ -1,7 +1,7 @@
 """Makes the pairs of a manifest, scores weights and SGBM on them, and writes one table of all.
 
-python docs/scoring/score_manifest.py --data data/manifest --out out/scores --weights shipped mine.safetensors
-python docs/scoring/score_manifest.py --data data/manifest --out out/trial --sizes 512 --sets clean dust --limit 2
+    python docs/scoring/score_manifest.py --data data/manifest --out out/scores --weights shipped mine.safetensors
+    python docs/scoring/score_manifest.py --data data/manifest --out out/trial --sizes 512 --sets clean dust --limit 2
 
 Every part, one size, set and place, is a dataset DATA/SIZE/SET/PLACE of marssim.generate. It is scored by
 m3depth.evaluate, into OUT/depth/SIZE/SET/PLACE, and by envs.rocks, into OUT/map/SIZE/SET/PLACE: there without weights

@@ -67,3 +67,9 @@ def refinement_steps():
 def photometric_residual():
     """docs/photometric_residual.py."""
     return _script("photometric_residual")
+
+
+@pytest.fixture(scope="session")
+def method_drives():
+    """docs/scoring/method_drives.py."""
+    return _script("method_drives", SCORING)

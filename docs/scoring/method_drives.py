@@ -1,0 +1,150 @@
+"""Collect drives of several perceptions over the same courses, one JSON line a drive, and compare them by course.
+
+    python docs/scoring/method_drives.py --file out/gale.jsonl --folders out/gale/lite out/gale/sgbm
+    python docs/scoring/method_drives.py --file docs/results/methods/gale.jsonl
+
+FOLDERS are those of envs.evaluate, whole or of shards; their drives are added to the file. A drive that the file holds
+already is left as it is. The table is printed as Markdown: it has the courses that all perceptions have driven, and
+differences to the first of --order.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from envs.drives.episodes import EpisodeRecord
+from envs.drives.metrics import paired_difference, summarise
+from envs.drives.records import read_record
+from marssim.base.command.run import run_command
+from marssim.base.files.atomic import write_atomically
+from marssim.base.files.json_file import DatasetError
+
+LEFT_OUT = ("obstacles", "track", "headings", "shortest_path", "half", "relief")  # what maps are drawn from
+
+
+@dataclass(frozen=True)
+class Options:
+    """Collect drives of several perceptions, and compare them by course."""
+
+    file: Path
+    """File of JSON lines, one a drive, with what results.json of a suite has of one."""
+    folders: tuple[Path, ...] = ()
+    """Folders of envs.evaluate, whose drives are added to the file."""
+    order: tuple[str, ...] = ("lite", "uni-mvs-net", "raft-stereo", "cre-stereo", "sgbm")
+    """Names of the perceptions in the order of the table: names of methods, or of files of weights."""
+
+
+def name_of(perception: str) -> str:
+    """Return the name of a perception: of weights, that of their file without its ending."""
+    return Path(perception.removeprefix("m3depth:")).stem
+
+
+def read_drives(file: Path) -> list[EpisodeRecord]:
+    """Return the drives of a file.
+
+    Raises:
+        DatasetError: A line is no drive; the message names it.
+    """
+    known = {field.name for field in fields(EpisodeRecord)}
+    drives = []
+    for number, line in enumerate(file.read_text().splitlines(), 1):
+        try:
+            drives.append(EpisodeRecord(**json.loads(line)))
+        except (json.JSONDecodeError, TypeError):
+            needed = ", ".join(sorted(known - set(LEFT_OUT)))
+            raise DatasetError(f"--file {file}: line {number} is no drive, a JSON object with {needed}") from None
+    return drives
+
+
+def collect(file: Path, folders: Sequence[Path]) -> list[EpisodeRecord]:
+    """Add the drives of folders to a file, and return all, in the order of perception and course.
+
+    Raises:
+        DatasetError: A folder holds no drive, or a file cannot be read.
+    """
+    drives = {(d.perception, d.cell, d.episode): d for d in (read_drives(file) if file.exists() else [])}
+    for folder in folders:
+        found = sorted((folder / "episodes").glob("*.json"))
+        if not found:
+            raise DatasetError(f"--folders {folder}: holds no drive of envs.evaluate")
+        for path in found:
+            drive = read_record(path)
+            drives.setdefault((drive.perception, drive.cell, drive.episode), drive)
+    together = [drives[key] for key in sorted(drives)]
+    if folders:
+        lines = (json.dumps({k: v for k, v in asdict(d).items() if k not in LEFT_OUT}) for d in together)
+        write_atomically(file, "".join(line + "\n" for line in lines).encode())
+    return together
+
+
+def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
+    """Return a Markdown table of the perceptions over the courses that all have driven.
+
+    Args:
+        drives: The drives, of one cell.
+        order: Names of perceptions (name_of) in the order of the rows; differences are to the first.
+
+    Raises:
+        ValueError: A perception is missing, or there is no course that all have driven.
+    """
+    by_name: dict[str, dict[int, EpisodeRecord]] = {}
+    for drive in drives:
+        by_name.setdefault(name_of(drive.perception), {})[drive.episode] = drive
+    if missing := [name for name in order if name not in by_name]:
+        raise ValueError(f"order must name perceptions of the file, {', '.join(by_name)}, got {', '.join(missing)}")
+    shared = sorted(set.intersection(*(set(by_name[name]) for name in order)))
+    if not shared:
+        raise ValueError("order must name perceptions that have driven the same course")
+    first = [by_name[order[0]][course] for course in shared]
+    lines = [
+        f"| perception | goals reached, SPL | what ended the others | Abs Rel on the way | success, less `{order[0]}` "
+        f"[points] | SPL, less `{order[0]}` |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in order:
+        of_method = [by_name[name][course] for course in shared]
+        row = summarise(of_method)
+        reached = f"{round(row['success_rate'] * len(shared))} of {len(shared)}, {_short(row['spl'])}"
+        ended = Counter(drive.outcome.replace("_", " ") for drive in of_method if drive.outcome != "goal")
+        others = ", ".join(f"{count} {outcome}" for outcome, count in sorted(ended.items())) or "-"
+        error = "-" if row["abs_rel"] is None else f"{row['abs_rel']:.3f}".removeprefix("0")
+        less = ("-", "-") if name == order[0] else _less(paired_difference(of_method, first))
+        lines.append(f"| {name} | {reached} | {others} | {error} | {' | '.join(less)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _less(difference: Mapping[str, object]) -> tuple[str, str]:
+    """Return a difference of success [percentage points] and one of SPL with their intervals."""
+    low, high = 100 * np.array(difference["interval"])
+    success = f"{100 * np.float64(difference['difference']):+.0f} ({low:+.0f} to {high:+.0f})"
+    spl = _short(difference["spl_difference"], "+")
+    if difference["spl_interval"] is not None:
+        spl += f" ({' to '.join(_short(end, '+') for end in np.array(difference['spl_interval']))})"
+    return success, spl
+
+
+def _short(value: object, sign: str = "") -> str:
+    return f"{np.float64(value):{sign}.2f}".replace("0.", ".")
+
+
+def work(options: Options) -> None:
+    """Collect and print the table."""
+    if not options.folders and not options.file.exists():
+        raise DatasetError(f"--file {options.file}: there is no such file, and no --folders to make it of")
+    print(drives_table(collect(options.file, options.folders), options.order), end="")
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command(work, Options, "python docs/scoring/method_drives.py", __doc__, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
