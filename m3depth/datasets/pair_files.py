@@ -112,8 +112,9 @@ def read_pair_files(files: PairFiles, config: DataConfig) -> StereoSample:
     if files.visible is not None and files.hidden is not None:
         mask = _fitting(files.visible, read_mask_or_map(files.visible), left)
         occluded = files.hidden(mask) & np.isfinite(depth)
-    with np.errstate(invalid="ignore"):  # beyond the left border of the right image, as it is after the next line
-        occluded |= np.isfinite(depth) & (np.arange(width) - disparity < -0.5)
+    begins = max(0.0, -calibration.shift)  # the first column that the right image shows after the next line
+    with np.errstate(invalid="ignore"):
+        occluded |= np.isfinite(depth) & (np.arange(width) - disparity < begins - 0.5)
     right = align_right(right, calibration.shift)
     normal = np.zeros((*depth.shape, 3), np.float32)
     if files.normal is not None:

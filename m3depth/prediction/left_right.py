@@ -15,7 +15,7 @@ AGREEMENT = 1.0  # [px] largest difference of both eyes' disparities that counts
 
 
 def left_right_difference(
-    infer: Infer, left: np.ndarray, right: np.ndarray, rig: StereoRig, prediction: Prediction
+    infer: Infer, left: np.ndarray, right: np.ndarray, rig: StereoRig, prediction: Prediction, begins: float = 0.0
 ) -> np.ndarray:
     """Return how far the left eye's disparity is from the right eye's disparity of the same point.
 
@@ -28,6 +28,7 @@ def left_right_difference(
         right: The right image, likewise.
         rig: The cameras of these images.
         prediction: What `infer` returned for them.
+        begins: Column of `right` at which it begins to show the scene [px]: above 0 where it was moved to the right.
 
     Returns:
         (H, W) float32 [px]. NaN where the point lies beyond the right image's border, or a disparity is unknown or of a
@@ -39,7 +40,7 @@ def left_right_difference(
     of_right = infer(first, second, mirrored)
     right_disparity = np.where(unmeasured(of_right), np.float32(np.nan), of_right.disparity)[:, ::-1]
     column = np.arange(width) - prediction.disparity  # columns of the right image
-    inside = (column >= 0) & (column <= width - 1)  # False where it is NaN
+    inside = (column >= max(0.0, begins)) & (column <= width - 1)  # False where it is NaN
     column = np.where(inside, column, 0)
     before = column.astype(int)
     low, high = (np.take_along_axis(right_disparity, i, axis=1) for i in (before, np.minimum(before + 1, width - 1)))

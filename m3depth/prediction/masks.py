@@ -69,7 +69,7 @@ def seen_by_mask(prediction: Prediction, right_valid: np.ndarray, shift: float =
     width = moved.shape[1]
     with np.errstate(invalid="ignore"):
         column = np.arange(width) - prediction.disparity
-        inside = (column >= 0) & (column <= width - 1)
+        inside = (column >= max(0.0, -shift)) & (column <= width - 1)
     nearest = np.round(np.where(inside, column, 0)).astype(int)
     return ~inside | np.take_along_axis(moved, nearest, axis=1)
 

@@ -225,7 +225,7 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     unknown |= unmeasured(prediction, options.min_confidence)
     difference, compared, agreeing = None, 0, 0
     if options.left_right:
-        difference = left_right_difference(infer, shown.left, shown.right, pair.rig, prediction)
+        difference = left_right_difference(infer, shown.left, shown.right, pair.rig, prediction, -pair.moved)
         agree = difference <= AGREEMENT
         both_see = np.isfinite(prediction.depth) & np.isfinite(difference) & comparable
         compared, agreeing = int(both_see.sum()), int((both_see & agree).sum())

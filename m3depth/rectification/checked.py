@@ -119,7 +119,7 @@ def _calibration(options: RectifyOptions, left: RawImage, right: RawImage) -> tu
         name = "the labels of the images"
         cameras = labelled_pair((left.label, right.label), (left.path, right.path))
     elif options.raw.align:
-        for flag, value in (("--focal", options.focal), ("--size", options.size), ("--shift", options.shift)):
+        for flag, value in (("--size", options.size), ("--shift", options.shift)):
             if value is not None:
                 raise ValueError(f"{flag} needs a calibration: without one the images keep their geometry")
         return None, "none"

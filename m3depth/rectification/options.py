@@ -39,7 +39,8 @@ class RectifyOptions:
     """How the images are rectified."""
     focal: float | None = None
     """Focal length of the rectified images [px]. Without it, the shortest one that leaves no empty border, between half
-    of the lenses' own and all of it."""
+    of the lenses' own and all of it. With --align and no calibration, that of the given images: a turn of the cameras
+    up or down is then taken out of the columns too."""
     size: tuple[int, int] | None = None
     """Width and height of the rectified images [px]. Without it, those of the left image."""
     shift: float | None = None

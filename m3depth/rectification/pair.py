@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,7 +114,8 @@ def rectify_pair(
     Args:
         left, right: The raw images.
         cameras: The calibration, with sizes (see `fitting`); None takes the images as they are.
-        focal: Focal length of the rectified images [px]; None chooses one.
+        focal: Focal length of the rectified images [px]; None chooses one, or does not know that of images without a
+            calibration, so that a turn of the cameras up or down leaves errors of the columns towards the corners.
         size: Width and height of the rectified images [px]; None takes the left image's.
         shift: Common offset of the disparities to take out [px]; None chooses one where the cameras are turned towards
             each other, so that all disparities of matches are positive, and else 0.
@@ -138,6 +140,7 @@ def rectify_pair(
             return unchanged
         return rectifying(getattr(cameras, eye), getattr(target, eye), target.rotation)
 
+    known = view.left.fx if view is not None else focal or math.inf
     left_source = source("left", view)
     first = resample(left.pixels, left.valid, left_source, given, reduction)
     removed: RowCorrection | None = None
@@ -145,7 +148,7 @@ def rectify_pair(
     second = resample(right.pixels, right.valid, right_source, given, reduction)
     matches = None
     for turn in range(ROUNDS + 1 if align else 2):
-        fitted = _fitted(first, second, given, cameras is not None, 6 if align else 1)
+        fitted = _fitted(first, second, given, cameras is not None, 6 if align else 1, known)
         if fitted is None:
             matches = None
             break
@@ -194,13 +197,13 @@ def _least_shift(view: RectifiedView, disparity: np.ndarray) -> float:
 
 def _fitted(
     first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], size: tuple[int, int],
-    calibrated: bool, terms: int,
+    calibrated: bool, terms: int, focal: float,
 ) -> tuple[RowCorrection, tuple[np.ndarray, np.ndarray]] | None:  # fmt: skip
     """Match two images with their masks and fit the rows; None where too few points match."""
     eyes = [for_matching(*eye) for eye in (first, second)]
     for reach in (REACH, WIDE_REACH) if calibrated else (WIDE_REACH,):
         a, b = matched_points(eyes[0], eyes[1], (first[1], second[1]), max(8.0, reach * size[1]))
-        fit = fit_rows(a, b, size, terms)
+        fit = fit_rows(a, b, size, terms, focal)
         if fit is not None:
             correction, right = fit
             right[right] = _alike(a[right], b[right], DISPARITY_STEP * size[0])

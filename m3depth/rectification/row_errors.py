@@ -5,12 +5,14 @@ side and x, y counted from the middle in units of s:
 
     c0 + c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2
 
-c0 is a constant offset, c1 a rotation about the optical axis, c2 a magnification, and the rest what a turn to the side
-or up, and another distortion, leave. The rotation and the magnification move columns too.
+c0 is a constant offset, as of a turn up or down, c1 a rotation about the optical axis, c2 a magnification, and the rest
+what turns, also to the side, and another distortion leave. The rotation and the magnification move columns too, and so
+does the turn up or down, by c0 X Y with X and Y the tangents of the direction: that needs the focal length.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +41,7 @@ class RowCorrection:
             for the sum of two.
         middle: (2,) middle of the image [px].
         unit: s [px].
+        focal: Focal length [px]; infinite where it is not known, so that a turn up or down moves no columns.
     """
 
     terms: tuple[float, ...]
@@ -46,6 +49,7 @@ class RowCorrection:
     size: float
     middle: tuple[float, float]
     unit: float
+    focal: float = math.inf
 
     @property
     def significant(self) -> bool:
@@ -56,7 +60,7 @@ class RowCorrection:
         """Return where the given image shows what the corrected one shows at pixels (..., 2)."""
         x, y = ((pixels[..., i] - self.middle[i]) / self.unit for i in (0, 1))
         down = sum(c * x**i * y**j for c, (i, j) in zip(self.terms, POWERS))
-        across = self.terms[2] * x - self.terms[1] * y
+        across = self.terms[2] * x - self.terms[1] * y + self.terms[0] * x * y * (self.unit / self.focal) ** 2
         return np.stack([pixels[..., 0] + across, pixels[..., 1] + down], axis=-1)
 
     def applied(self, source: Source) -> Source:
@@ -108,7 +112,7 @@ def row_errors(left: np.ndarray, right: np.ndarray) -> RowErrors:
 
 
 def fit_rows(
-    left: np.ndarray, right: np.ndarray, size: tuple[int, int], terms: int
+    left: np.ndarray, right: np.ndarray, size: tuple[int, int], terms: int, focal: float = math.inf
 ) -> tuple[RowCorrection, np.ndarray] | None:
     """Fit the distances of rows, and tell wrong matches from right ones.
 
@@ -117,6 +121,7 @@ def fit_rows(
         right: (N, 2) places of the same points in the right image [px].
         size: Width and height of the right image [px].
         terms: How many terms the correction has, 1 or 6.
+        focal: Focal length of the images [px]; infinite if it is not known.
 
     Returns:
         The correction and which matches are right, (N,) bool; None where too few agree.
@@ -144,4 +149,4 @@ def fit_rows(
     values = np.zeros(len(POWERS))
     values[:terms] = fit
     size_ = float(np.sqrt(((here @ fit) ** 2).mean()))
-    return RowCorrection(tuple(float(v) for v in values), error, size_, middle, unit), agree
+    return RowCorrection(tuple(float(v) for v in values), error, size_, middle, unit, focal), agree

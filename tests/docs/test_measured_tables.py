@@ -256,3 +256,9 @@ def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
             more = f"{100 * (abs_rel / together[0] - 1):+.0f} %, {100 * (epe / together[1] - 1):+.0f} %"
             texts.append(f"{abs_rel:.4f} / {epe:.3f} ({more})")
         assert cells == texts
+
+
+def test_the_drives_of_the_methods_are_those_of_their_file(method_drives) -> None:
+    drives = method_drives.read_drives(ROOT / "methods" / "gale.jsonl")
+    table = method_drives.drives_table(drives, method_drives.Options(Path("gale.jsonl")).order)
+    assert table in (ROOT / "methods.md").read_text()

@@ -237,7 +237,7 @@ def test_products_without_the_extra(tmp_path, products, capsys, monkeypatch):
         (["--shift", "nan"], "--shift must be a finite number"),
         (["--calib", "a", "b", "c"], "--calib c: a pair has two calibration files at most"),
         (["--mask", "a", "b", "c"], "--mask c: a pair has two masks at most"),
-        (["--align", "--focal", "300"], "--focal needs a calibration"),
+        (["--align", "--shift", "3"], "--shift needs a calibration"),
         ([], "give its calibration with --calib, or --align"),
     ],
 )

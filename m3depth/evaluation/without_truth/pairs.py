@@ -53,6 +53,7 @@ class PairImages:
         rig: The cameras of these images.
         common: Common disparity that stays out while the pair is matched [px].
         left_valid, right_valid: (H, W) bool, where these images show the scene; None is everywhere.
+        moved: By how much the right image was moved to the left [px].
     """
 
     left: np.ndarray
@@ -61,6 +62,7 @@ class PairImages:
     common: float = 0.0
     left_valid: np.ndarray | None = None
     right_valid: np.ndarray | None = None
+    moved: float = 0.0
 
     def with_aligned_rows(self) -> PairImages:
         """Return the pair with a right image whose rows do not lie significantly apart from those of the left one."""
@@ -122,7 +124,7 @@ class ImagePair:
         right_valid = None if right_valid is None else moved_mask(right_valid, moved)
         return PairImages(
             without_upper_margin(left, left_valid), without_upper_margin(right, right_valid),
-            calibration.rig(width, height), common, left_valid, right_valid,
+            calibration.rig(width, height), common, left_valid, right_valid, moved,
         )  # fmt: skip
 
     @property

@@ -57,7 +57,7 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
     for name, method in methods.items():
         infer = pair.infer(method)
         prediction, cost = measured(infer, left, right, rig)
-        difference = left_right_difference(infer, left, right, rig, prediction)
+        difference = left_right_difference(infer, left, right, rig, prediction, -pair.moved)
         within = pair.matched_within(prediction)
         figures = _figures(pair, prediction, np.where(within, residual_of_sgbm, np.nan))
         scores[name] = {**figures, "seconds": cost.seconds + aligning}

@@ -16,7 +16,12 @@ from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.prediction.masks import read_valid
 from m3depth.prediction.options import PredictOptions, Rectify
 from m3depth.prediction.sources.raw_eye import RawEye
-from marssim.base.bags.camera_info import raw_camera, rectified_camera, shows_raw_images
+from marssim.base.bags.camera_info import (
+    raw_camera,
+    rectified_camera,
+    rectifies_to_another_camera,
+    shows_raw_images,
+)
 from marssim.base.bags.images import check_encoding, image_array
 from marssim.base.bags.messages import SECOND
 from marssim.base.bags.reader import Bag, stamp_of
@@ -247,7 +252,10 @@ class BagPairs:
             try:
                 info, raw = rectified_camera(message), None
                 is_asked = rectify == "always" or (rectify == "auto" and not is_rectified(image))
-                if is_asked and shows_raw_images(message):
+                differs = shows_raw_images(message)
+                if rectify == "always":
+                    differs = differs or rectifies_to_another_camera(message)
+                if is_asked and differs:
                     p = info.projection
                     assert info.size is not None
                     ideal = PinholeCamera(*info.size, p[0, 0], p[1, 1], p[0, 2], p[1, 2])

@@ -115,9 +115,8 @@ class RawPairs:
             read_raw_calibration(options.calib, options.raw.fisheye)  # what is wrong with it is wrong for all pairs
         elif options.raw.fisheye:
             raise ValueError(NEEDS_CALIB)
-        focal = None if keeps_geometry else options.focal
         flags = RectifyOptions(
-            (), options.out, calib=options.calib, raw=options.raw, focal=focal, mask=options.mask,
+            (), options.out, calib=options.calib, raw=options.raw, focal=options.focal, mask=options.mask,
             unchecked=options.unchecked,
         )  # fmt: skip
         return cls(flags, keeps_geometry)

@@ -10,6 +10,8 @@ from marssim.base.calibration.camera_info import MODELS, CameraInfo, ImagePart
 from marssim.base.calibration.cameras import PosedCamera, nearest_rotation
 from marssim.base.calibration.opencv_file import lens_of
 
+SAME_CAMERA = 0.05  # [px] by which focal lengths and middles of one camera may differ
+
 
 def rectified_camera(message: Any) -> CameraInfo:
     """Return what a CameraInfo says about its rectified images: P of the region and the binning that they have.
@@ -54,6 +56,16 @@ def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[i
         int(message.binning_y),
     )  # fmt: skip
     return part.of(matrix, (int(message.width), int(message.height)))
+
+
+def rectifies_to_another_camera(message: Any) -> bool:
+    """Return whether the rectified camera, P, has another focal length or middle than the raw one, K.
+
+    Raises:
+        ValueError: The camera is not calibrated; the message says so.
+    """
+    k, p = (_of_image(values, name, message)[0] for values, name in ((message.k, "K"), (message.p, "P")))
+    return bool(np.abs(p[:, :3] - k).max() > SAME_CAMERA)
 
 
 def shows_raw_images(message: Any) -> bool:

@@ -55,6 +55,8 @@ def kalibr_text(pair: PosedPair) -> str:
         lens = camera.lens
         if not isinstance(lens, RadialTangential | Fisheye) or any(lens.coefficients[4:]) or camera.size is None:
             raise ValueError("Kalibr's files hold cameras with a size and four coefficients of distortion")
+        if isinstance(lens, Fisheye) and lens.skew:
+            raise ValueError("Kalibr's files hold no skew")
         lines.append(f"{eye}:")
         if eye == "cam1":
             lines += ["  T_cn_cnm1:", *(f"  - {_list(row)}" for row in transform)]

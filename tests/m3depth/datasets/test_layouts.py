@@ -713,3 +713,14 @@ def test_a_truncated_exr_is_named(tmp_path) -> None:
 def test_settings_that_cannot_work_name_their_field(values, message) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
         DataConfig(**values)
+
+
+def test_what_lies_beyond_the_border_of_a_right_image_that_is_moved_to_the_right_is_occluded(tmp_path) -> None:
+    scene = tmp_path / "Adirondack"
+    truth = np.full((H, W), 16.0, np.float32)
+    for name, content in (("im0.png", image(1)), ("im1.png", image()), ("disp0.pfm", truth)):
+        put(scene / name, content)
+    put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=13.5, doffs=-6))
+    sample = open_pairs(tmp_path, "all")[0]
+    assert (sample.disparity == 10).all()  # to the right image that was moved by 6 px, whose first 6 columns are empty
+    assert sample.occluded[:, :16].all() and not sample.occluded[:, 16:].any()

@@ -81,3 +81,11 @@ def test_a_matcher_agrees_with_itself_on_a_plane(plane_samples):
     )
     visible = np.isfinite(difference) & ~sample.occluded & sample.valid
     assert (difference[visible] < 1).mean() > 0.97
+
+
+def test_the_columns_that_a_moved_right_image_repeats_are_beyond_its_border():
+    look, _ = step()
+    image = np.zeros((H, W), np.uint8)
+    prediction = look(image, image, RIG)
+    difference = left_right_difference(look, image, image, RIG, prediction, begins=10.0)
+    assert np.isnan(difference[:, : 10 + FAR]).all() and (difference[:, 10 + FAR] == 0).all()

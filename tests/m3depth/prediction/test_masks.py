@@ -120,3 +120,10 @@ def test_the_method_sees_no_margin_above_the_scene(tmp_path):
     for image in seen[0]:
         assert (image[:20] == image[20]).all() and image[20].any()
     assert np.isnan(prediction.depth[:20]).all() and np.isfinite(prediction.depth[20:]).all()
+
+
+def test_beyond_the_border_of_a_right_image_that_was_moved_there_is_no_match_to_judge():
+    right = np.ones((4, 20), bool)
+    right[:, 0] = False  # the border, which a move to the right repeats
+    hidden = ~seen_by_mask(flat(), right, -4.0)
+    assert np.flatnonzero(hidden[1]).tolist() == [4 + 3]

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from raw_pairs import GROUND, SIZE, WALL, cahvore_pair, depth_of, opencv_pair, write_images
+from scipy.spatial.transform import Rotation
 
 from m3depth.rectification.matches import matched_points
 from m3depth.rectification.pair import fitting, rectify_pair
@@ -209,3 +210,17 @@ def test_points_that_look_alike_are_not_matched():
         shown = np.ones(image.shape, bool)
         found.append(len(matched_points(left, right, (shown, shown), 8.0)[0]))
     assert found[0] > 200 and found[1] < 0.4 * found[0]
+
+
+def test_a_turn_of_the_camera_up_is_taken_out_of_the_columns_too_with_the_focal_length():
+    focal, angle, pixels = 60.0, 0.03, pixel_grid(64, 48).reshape(-1, 2)
+    rays = np.column_stack([(pixels - [31.5, 23.5]) / focal, np.ones(len(pixels))])
+    turned = rays @ Rotation.from_euler("x", angle).as_matrix().T
+    given = focal * turned[:, :2] / turned[:, 2:] + [31.5, 23.5]  # where the turned camera shows them
+    errors = {}
+    for known in (focal, np.inf):
+        correction, right = fit_rows(pixels, given, (64, 48), 6, known)
+        assert right.mean() > 0.9
+        errors[known] = np.abs(correction.moved(pixels) - given).max(axis=0)
+    assert errors[focal][1] < 0.1 and errors[np.inf][1] < 0.1  # rows
+    assert errors[focal][0] < 0.05 and errors[np.inf][0] > 0.3  # columns, at the corners

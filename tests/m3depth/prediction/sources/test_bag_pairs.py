@@ -326,3 +326,14 @@ def test_a_bag_of_maps_that_do_not_tell_sky_from_unknown_is_refused(make, tmp_pa
 def test_without_frames_there_are_no_poses(make):
     pairs = BagPairs(make(lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m))
     assert pairs.world is None and pairs.pose(0) is None and pairs.on_rover(0) is None
+
+
+def test_images_of_another_focal_length_than_p_are_rectified_where_that_is_asked_for(make):
+    def edit(message):
+        message.k[0] = message.k[4] = 1.25 * message.p[0]
+        return message
+
+    bag = make(only("camera_info", edit), count=1)
+    for name in ("auto", "always"):
+        pairs = BagPairs(bag, rectify=name)
+        assert (pairs._eyes[0][0].raw is not None) == (name == "always")

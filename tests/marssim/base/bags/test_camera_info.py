@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.base.bags.camera_info import raw_camera, rectified_camera, shows_raw_images
+from marssim.base.bags.camera_info import raw_camera, rectified_camera, rectifies_to_another_camera, shows_raw_images
 from marssim.base.bags.messages import camera_info_message
 from marssim.base.camera import NATECAM
 
@@ -90,3 +90,11 @@ def test_a_distortion_that_is_not_supported_is_named():
     message.distortion_model = "thin_prism"
     with pytest.raises(ValueError, match="distortion_model thin_prism is not supported; plumb_bob"):
         raw_camera(message)
+
+
+def test_another_focal_length_or_middle_makes_another_camera():
+    same, wider, aside = info(), info(), info()
+    wider.p[0] = wider.p[5] = 0.8 * wider.p[0]
+    aside.p[2] += 10
+    assert [rectifies_to_another_camera(message) for message in (same, wider, aside)] == [False, True, True]
+    assert not shows_raw_images(wider)

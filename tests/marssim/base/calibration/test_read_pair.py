@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -430,3 +431,10 @@ def test_a_fifth_coefficient_of_zero_fits_into_kalibrs_file(tmp_path, last, fits
     assert_same(
         read_raw_calibration([tmp_path / "camchain.yaml"]), pair(RadialTangential, (-0.2, 0.05, 0.001, -0.0007))
     )
+
+
+def test_a_skew_is_not_lost_in_a_file_that_holds_none():
+    fisheye = pair(Fisheye)
+    skewed = replace(fisheye.left, lens=replace(fisheye.left.lens, skew=6.0))
+    with pytest.raises(ValueError, match="Kalibr's files hold no skew"):
+        kalibr_text(replace(fisheye, left=skewed))
