@@ -1,6 +1,6 @@
 """Makes the figure of docs/results/slip.md, slip over slope and what a wheel pulls: images/slip.png.
 
-    python docs/make_slip_figure.py
+python docs/make_slip_figure.py
 """
 
 from __future__ import annotations

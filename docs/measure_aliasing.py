@@ -1,6 +1,6 @@
 """Measures how far a pixel of the ground is from the mean of 16 finer ones: a table of docs/results/look.md.
 
-    python docs/measure_aliasing.py
+python docs/measure_aliasing.py
 """
 
 from __future__ import annotations
