@@ -124,3 +124,14 @@ def test_a_slow_rover_backs_out_on_the_same_curve():
         assert -command.speed == pytest.approx(min(CONFIG.back_speed, max_speed))
         curvatures.append(command.yaw_rate / command.speed)
     assert curvatures[0] == pytest.approx(curvatures[1]) == pytest.approx(0.5, abs=0.1)
+
+
+def test_where_it_cannot_go_back_it_turns_as_far_as_there_is_room():
+    elevation, ground = flat_map_with_rocks([(-1.45, 0.0, 0.2)])  # on the way back
+    planner = Planner(ZHURONG, CONFIG.planner, elevation)
+    planner.update(elevation, ground, np.array([7.0, 0.0]))
+    recovery = Recovery(ZHURONG, CONFIG)
+    for x in (-2.0, -1.5, -1.0, -0.5, 0.0):
+        recovery.follow(np.array([x, 0.0, 0.0]))
+    command = recovery.search(ORIGIN, ground, elevation, planner, 0.0, False)
+    assert command.speed == 0 and abs(command.yaw_rate) == pytest.approx(ZHURONG.max_yaw_rate)
