@@ -34,7 +34,7 @@ class Options:
     """Collect drives of several perceptions, and compare them by course."""
 
     file: Path
-    """File of JSON lines, one a drive, with what results.json of a suite has of one."""
+    """File of JSON lines, one a drive: its record by envs.evaluate, without what maps are drawn from."""
     folders: tuple[Path, ...] = ()
     """Folders of envs.evaluate, whose drives are added to the file."""
     order: tuple[str, ...] = ("lite", "uni-mvs-net", "raft-stereo", "cre-stereo", "sgbm")

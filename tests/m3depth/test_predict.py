@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 from m3depth.predict import PredictOptions, main, predict
+from m3depth.prediction import one_pair
 from m3depth.prediction.files import EDGE_SHARE, point_cloud
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.classical import SGBM
@@ -209,6 +210,19 @@ def test_calibration_file_gives_metres_and_principal_point(tmp_path):
     assert cloud[:, 0].max() == pytest.approx((89 - 30) / 100 * 5, abs=0.12)
     predicted = predict(options(pair, tmp_path, **{**flags, "baseline": 1.1}), SGBM())
     assert np.nanmedian(predicted.depth) == pytest.approx(100 * 1.1 / 11, rel=2e-3)
+
+
+def test_a_right_image_that_is_moved_to_the_right_begins_that_much_later(tmp_path, monkeypatch):
+    """Its first 6 columns are repeated ones, on which the eyes cannot agree."""
+    begins = []
+    whole = one_pair.left_right_difference
+    monkeypatch.setattr(one_pair, "left_right_difference", lambda *a: begins.append(a[5]) or whole(*a))
+    pair = textured_pair(tmp_path, 10)
+    text = "cam0=[100 0 30; 0 110 20; 0 0 1]\ndoffs=-6\nbaseline=550\nwidth=90\nheight=60\n"
+    (tmp_path / "calib.txt").write_text(text)
+    flags = {"focal": None, "baseline": None, "calib": (tmp_path / "calib.txt",), "left_right": True}
+    predicted = predict(options(pair, tmp_path, **flags), SGBM())
+    assert begins == [6] and np.isnan(predicted.depth[:, : 6 + 3]).all() and np.isfinite(predicted.depth[30, 40])
 
 
 def test_natecam_by_name_and_a_flag_that_replaces_its_value(tmp_path):

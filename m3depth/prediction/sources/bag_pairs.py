@@ -252,9 +252,7 @@ class BagPairs:
             try:
                 info, raw = rectified_camera(message), None
                 is_asked = rectify == "always" or (rectify == "auto" and not is_rectified(image))
-                differs = shows_raw_images(message)
-                if rectify == "always":
-                    differs = differs or rectifies_to_another_camera(message)
+                differs = shows_raw_images(message) or (rectify == "always" and rectifies_to_another_camera(message))
                 if is_asked and differs:
                     p = info.projection
                     assert info.size is not None

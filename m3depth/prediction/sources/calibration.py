@@ -73,7 +73,8 @@ def make_calibration(
         size = f"{calibration.size[0]} x {calibration.size[1]}"
         raise ValueError(f"{files[0] if files else image}: is for images of {size} px, {image} is {width} x {height}")
     source = str(files[0] if files else image)
-    if files and calibration.size is None and (options.cx is None or options.cy is None):
+    was_read = files or pair_calibration is not None  # else the principal point is the middle of these images
+    if was_read and calibration.size is None and (options.cx is None or options.cy is None):
         _check_middle(calibration, (width, height), source, image)
     _check_sense(calibration, width, options, source)
     return calibration

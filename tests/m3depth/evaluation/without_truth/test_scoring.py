@@ -10,7 +10,7 @@ import pytest
 from m3depth.datasets.config import DataConfig
 from m3depth.estimator import EstimatorName
 from m3depth.evaluate import main
-from m3depth.evaluation.without_truth import run
+from m3depth.evaluation.without_truth import run, scoring
 from m3depth.evaluation.without_truth.pairs import PairImages, image_pairs
 from m3depth.evaluation.without_truth.scoring import means, predictions_of, score_pair, table
 from m3depth.holes import FilledEstimator
@@ -313,3 +313,11 @@ def test_a_calibration_of_raw_cameras_does_not_ask_for_the_flag_that_gave_it(fol
     assert main([*words, "--calib", str(tmp_path / "stereo.yml")]) == 2
     error = capsys.readouterr().err
     assert error.endswith("rectify the images first (m3depth.predict --rectify always, or m3depth.rectify)\n")
+
+
+def test_the_eyes_are_compared_where_a_moved_right_image_shows_something(monkeypatch):
+    begins = []
+    whole = scoring.left_right_difference
+    monkeypatch.setattr(scoring, "left_right_difference", lambda *a: begins.append(a[5]) or whole(*a))
+    score_pair({"SGBM": SGBM()}, PairImages(*slope(), RIG, moved=-6.0))
+    assert begins == [6]

@@ -8,6 +8,7 @@ import pytest
 
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.calibration import make_calibration
+from marssim.base.calibration.rectified import Calibration
 
 
 def test_focal_replaces_both_focal_lengths_and_keeps_their_ratio(tmp_path):
@@ -38,3 +39,11 @@ def test_a_calibration_without_a_size_for_images_of_another_size_is_refused(tmp_
         make_calibration(options, height, width, Path("l.png"))
     part = replace(options, cx=20.0, cy=100.0)
     assert make_calibration(part, height, width, Path("l.png")).cx == 20
+
+
+def test_only_a_principal_point_that_was_read_tells_the_size_of_the_images(tmp_path):
+    options = PredictOptions((Path("l.png"), Path("r.png")), tmp_path, focal=1.0, baseline=0.1)
+    assert make_calibration(options, 1, 1, Path("l.png")).cx == 0  # the middle of a single pixel
+    of_dataset = Calibration(300.0, 300.0, 159.5, 119.5, 0.2)
+    with pytest.raises(ValueError, match=r"l\.png: the principal point \(159.5, 119.5\) px .* 160 x 120 px"):
+        make_calibration(replace(options, focal=None), 120, 160, Path("l.png"), lambda width, height: of_dataset)
