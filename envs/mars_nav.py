@@ -76,7 +76,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `pan`   | (1,)     | with `mast=True`: pan of the mast / 90 deg, left > 0               | -1 to 1     |
 
     `map` shows 12.8 m around the rover, with its heading up, as `nav` has fused it from all looks. Channel 0: height
-    above the rover / 2 m. Channel 1: largest cost of driving in a pixel, 1 at an obstacle, or where a metre costs 8 m more.
+    above the rover / 2 m. Channel 1: largest cost of driving in a pixel, 0 to 1: an obstacle, or 8 m more for a metre.
     Channel 2: 1 where the ground was seen or is assumed flat (2.5 m about the start, and under the rover), else 0.
 
     `envs.drivers.image_observation.ImageObservation` turns depth and map into the uint8 images that stable-baselines3
