@@ -13,6 +13,7 @@ around the region, which is its height.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -195,8 +196,10 @@ def _as_rock(
     if plane is None:
         return None, 0.0
     height = points[:, 2] - (points[:, :2] @ plane[:2] + plane[2])
+    if height.max() < LEAST_HEIGHT:  # most of them: a percentile takes time
+        return None, height
     top = float(np.percentile(height, TOP))
-    if height.max() < LEAST_HEIGHT or top <= 0:
+    if top <= 0:
         return None, height
     both = int((~sample.occluded.ravel()[pixels]).sum()) >= LEAST_PIXELS
     return SeenRock(pixels, plane, float(height.max()), top, distance, both), height
@@ -218,15 +221,20 @@ def _plane_around(ground: np.ndarray, middle: np.ndarray, radius: float) -> np.n
     The slopes are damped by a tenth of the cells' weight at a metre, so that ground on a line gives no wild plane.
     """
     n = len(ground)
-    low, high = (np.clip(np.floor((middle + s * radius + REACH) / CELL).astype(int), 0, n - 1) for s in (-1, 1))
-    part = ground[low[1] : high[1] + 1, low[0] : high[0] + 1]
+    across, up = (
+        slice(*(min(max(math.floor((m + s * radius + REACH) / CELL), 0), n - 1) + (s > 0) for s in (-1, 1)))
+        for m in middle.tolist()
+    )
+    part = ground[up, across]
     iy, ix = np.nonzero(np.isfinite(part))
-    x, y = ((i + start + 0.5) * CELL - REACH - m for i, start, m in zip((ix, iy), low, middle))
+    x, y = ((i + side.start + 0.5) * CELL - REACH - m for i, side, m in zip((ix, iy), (across, up), middle))
     near = np.hypot(x, y) <= radius
-    if not near.any():
+    count = np.count_nonzero(near)
+    if not count:
         return None
-    x, y, z = x[near], y[near], part[iy[near], ix[near]]
-    damping = np.sqrt(0.1 * len(z)) * np.eye(3)[:2]
-    system = np.vstack([np.column_stack([x, y, np.ones(len(z))]), damping])
-    slope_x, slope_y, level = np.linalg.lstsq(system, np.append(z, [0, 0]), rcond=None)[0]
+    system, heights = np.zeros((count + 2, 3)), np.zeros(count + 2)
+    system[:count, 0], system[:count, 1], system[:count, 2] = x[near], y[near], 1
+    heights[:count] = part[iy[near], ix[near]]
+    system[count, 0] = system[count + 1, 1] = math.sqrt(0.1 * count)
+    slope_x, slope_y, level = np.linalg.lstsq(system, heights, rcond=None)[0]
     return np.array([slope_x, slope_y, level - slope_x * middle[0] - slope_y * middle[1]])
