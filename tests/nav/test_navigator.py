@@ -441,3 +441,22 @@ def test_hemmed_in_is_where_the_rover_stands():
     ground = SimpleNamespace(inflated=inflated)
     assert navigator._is_hemmed_in(np.array([3.0, -2.0, 0.0]), ground)
     assert not navigator._is_hemmed_in(np.array([-2.0, 3.0, 0.0]), ground)
+
+
+def test_dead_ends_cost_within_a_metre_of_each():
+    navigator, place = Navigator(), np.zeros(3)
+    before = navigator.judge(place).cost
+    navigator.recovery.dead_ends = [np.array([5.0, 0.0]), np.array([-2.0, 6.0])]
+    x, y = np.meshgrid(*navigator.map.centres())
+    away, more = np.minimum(np.hypot(x - 5, y), np.hypot(x + 2, y - 6)), navigator.judge(place).cost - before
+    np.testing.assert_allclose(more[away < 0.9], 3.0, atol=1e-5)
+    assert (more[away > 1.1] == 0).all()
+
+
+@pytest.mark.parametrize("left", [0.05, 0.15, 0.18, 5.0])
+def test_near_the_goal_a_step_ends_at_the_goal_radius_or_a_little_beyond(left):
+    navigator, here = Navigator(), np.zeros(3)
+    config = navigator.config
+    arc = Motion(0.0, 0.0, 4.0, 4.0, arc_poses(here, np.zeros(1), np.linspace(0.0, 4.0, 41))[0])
+    step = navigator._follow(arc, here, config.goal_radius + left, 0.0).speed * config.step_time
+    assert step == pytest.approx(min(max(left, 0.1), ZHURONG.max_speed * config.step_time))

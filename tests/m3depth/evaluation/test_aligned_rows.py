@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from turned_pairs import RIG, H, W, slope, slope_disparity, turned
 
-from m3depth.evaluation.scoring import evaluate
+from m3depth.evaluation.scoring import _infer_aligned, evaluate
 from m3depth.stereo.prediction import Prediction
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.right_image import image_disparity
@@ -55,3 +55,17 @@ def test_disparities_of_an_aligned_pair_are_scored_by_those_of_the_images(sample
     straight = slope()[1][8:-8, 8:-8].astype(float)
     errors = [np.abs(method.shown[0][8:-8, 8:-8] - straight).mean() for method in (aligned, given)]
     assert errors[0] < 0.2 * errors[1]
+
+
+def test_sky_keeps_its_disparity_in_an_aligned_pair(sample):
+    """It has no depth from which the columns that it is shown at would follow."""
+
+    class WithSky(Ideal):
+        def infer(self, left, right, rig):
+            whole = super().infer(left, right, rig)
+            whole.depth[:20], whole.disparity[:20] = np.inf, 0
+            return whole
+
+    seen = _infer_aligned(WithSky(), sample.left, sample.right, RIG)
+    assert (seen.disparity[:20] == 0).all() and np.isinf(seen.depth[:20]).all()
+    assert np.abs(seen.disparity[20:] - sample.disparity[20:]).mean() < 0.05

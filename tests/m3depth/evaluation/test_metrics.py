@@ -302,3 +302,10 @@ def test_a_median_lies_between_the_borders_of_its_bin():
     angles = np.linspace(10.0001, 10.0099, 99)  # all within one bin
     sums.add_sums(np.array([angles.sum()]), 99, angles)
     assert sums.result()["pooled"]["median"] == pytest.approx(10.005, abs=1e-3)
+
+
+def test_a_pixel_of_the_largest_disparity_is_scored():
+    sample = make_sample()
+    kinds = pixel_kinds(sample, float(sample.disparity[30, 10]))
+    assert kinds["all"][30, 10] and not kinds["near"][30, 10]
+    assert kinds["near"][31, 10] and not kinds["all"][31, 10]

@@ -7,7 +7,14 @@ from rock_world import SMALL_RIG, RockWorld, body_pose
 
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.elevation import ElevationConfig, ElevationMap
-from nav.ground.traversability import TraversabilityConfig, assess, distance_to, fit_planes, ground_surface
+from nav.ground.traversability import (
+    TraversabilityConfig,
+    _ground_cost,
+    assess,
+    distance_to,
+    fit_planes,
+    ground_surface,
+)
 
 SMALL = ElevationConfig(size=16.0)
 CONFIG = TraversabilityConfig()
@@ -190,3 +197,15 @@ def test_gaps_in_level_ground_at_any_height_make_no_slope():
     elevation.top[gap], elevation.weight[gap] = np.nan, 0
     ground = assess(elevation, ZHURONG, TraversabilityConfig())
     assert np.nanmax(ground.slope) < 1e-3 and not ground.blocked.any()
+
+
+def test_the_cost_of_a_step_reaches_as_far_as_the_wheels_of_a_rover_whose_body_is_over_it():
+    """Each cell takes the mean over squares of the rover's width of what a wheel would feel that stands there."""
+    cell, still = 0.1, np.zeros((61, 61), np.float32)
+    step = still.copy()
+    step[30, 30] = CONFIG.step_blocked
+    cost = _ground_cost(step, still, still, ZHURONG, cell, CONFIG)
+    wheel, width = (2 * round(length / cell / 2) + 1 for length in (2 * ZHURONG.wheel_radius, ZHURONG.width))
+    reach = np.abs(np.arange(61) - 30) <= wheel // 2 + width // 2
+    assert np.array_equal(cost > 1e-6, reach[:, None] & reach)
+    assert wheel > 1 and cost[30, 30] == pytest.approx(CONFIG.step_cost * wheel**2 / width**2, rel=1e-5)

@@ -53,3 +53,17 @@ def test_a_motion_away_from_the_goal_begins_no_open_path(seen_to, leads_on):
     assert is_open(planner, elevation, ground, PLACE, goal) is leads_on
     motion = planner.plan(elevation, ground, PLACE, goal)
     assert (np.hypot(*(motion.poses[-1, :2] - goal)) < 7.0) == leads_on and not is_closed(planner.field, PLACE, goal)
+
+
+@pytest.mark.parametrize(("x", "closes"), [(8.0, False), (6.0, True)])
+def test_an_obstacle_at_the_end_of_a_path_does_not_close_it(x, closes):
+    """It may be what the rover drives to; the goal lies within its margin."""
+    elevation = ElevationMap()
+    elevation.assume_flat(body_pose(*PLACE), 15.0)
+    outside = np.repeat(np.abs(elevation.centres()[1])[:, None] > 1.2, elevation.n, axis=1)
+    rock = np.hypot(elevation.centres()[0][None, :] - x, elevation.centres()[1][:, None]) < 0.3
+    ground = assess(elevation, ZHURONG, TraversabilityConfig(), outside | rock)
+    planner = Planner(ZHURONG, PlannerConfig(), elevation)
+    planner.update(elevation, ground, GOAL)
+    assert planner.field.is_inflated(np.array([[x, 0.0]])).all()
+    assert is_closed(planner.field, PLACE, GOAL) is closes
