@@ -205,6 +205,19 @@ def test_without_a_course_a_dot_without_error_has_no_logarithm(recwarn):
     assert np.isnan(_pearson("abs_rel", "success_rate", True, dots)) and not recwarn.list
 
 
+def test_dots_of_one_condition_have_correlations_without_intervals():
+    """Without it, no dot is left."""
+    errors, successes = (0.3, 0.1, 0.2, 0.02), (0.2, 0.8, 0.6, 0.9)
+    methods = {name: method(name, (s,) * 4, (e,) * 4) for name, s, e in zip("abcd", successes, errors)}
+    dots = [dot for dot in condition_dots(methods) if dot["condition"] == CONDITIONS[0]]
+    rows = [row for row in correlate(dots) if row["metric"] == "abs_rel" and row["score"] == "spl"]
+    assert len(dots) == 4 and len(rows) == 1
+    for row in rows:
+        assert row["logarithmic"] and row["spearman"] == pytest.approx(-1.0)
+        assert row["pearson"] == pytest.approx(pearsonr(np.log(errors), successes)[0])
+        assert row["spearman_interval"] is None and row["pearson_interval"] is None
+
+
 def test_a_single_value_has_no_correlation():
     y = np.random.default_rng(3).normal(size=12)
     assert np.isnan(correlation(np.ones(12), y)) and np.isnan(correlation(y, np.ones(12)))
