@@ -104,9 +104,9 @@ def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
         raise ValueError("order must name perceptions that have driven the same course")
     first = [by_name[order[0]][course] for course in shared]
     lines = [
-        f"| perception | goals reached, SPL | what ended the others | Abs Rel on the way | success, less `{order[0]}` "
-        f"[points] | SPL, less `{order[0]}` |",
-        "|---|---|---|---|---|---|",
+        "| perception | goals reached, SPL | what ended the others | Abs Rel on the way | rocks missed [%] | "
+        f"success, less `{order[0]}` [points] | SPL, less `{order[0]}` |",
+        "|---|---|---|---|---|---|---|",
     ]
     for name in order:
         of_method = [by_name[name][course] for course in shared]
@@ -115,8 +115,10 @@ def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
         ended = Counter(drive.outcome.replace("_", " ") for drive in of_method if drive.outcome != "goal")
         others = ", ".join(f"{count} {outcome}" for outcome, count in sorted(ended.items())) or "-"
         error = "-" if row["abs_rel"] is None else f"{row['abs_rel']:.3f}".removeprefix("0")
+        rocks = sum(drive.rocks or 0 for drive in of_method)
+        missed = f"{100 * sum(drive.rocks_missed or 0 for drive in of_method) / rocks:.1f}" if rocks else "-"
         less = ("-", "-") if name == order[0] else _less(paired_difference(of_method, first))
-        lines.append(f"| {name} | {reached} | {others} | {error} | {' | '.join(less)} |")
+        lines.append(f"| {name} | {reached} | {others} | {error} | {missed} | {' | '.join(less)} |")
     return "\n".join(lines) + "\n"
 
 

@@ -37,16 +37,17 @@ def test_folders_of_several_calls_become_one_file_without_what_maps_need(tmp_pat
     assert len(lines) == 3 and not {"track", "relief", "obstacles"} & json.loads(lines[0]).keys()
     assert [drive.outcome for drive in method_drives.read_drives(file)] == ["goal", "goal", "no_path"]
     assert method_drives.drives_table(method_drives.read_drives(file), ["lite", "sgbm"]).splitlines()[2:] == [
-        "| lite | 1 of 1, 1.00 | - | .020 | - | - |",
-        "| sgbm | 1 of 1, .80 | - | .020 | +0 (-79 to +79) | -.20 |",
+        "| lite | 1 of 1, 1.00 | - | .020 | - | - | - |",
+        "| sgbm | 1 of 1, .80 | - | .020 | - | +0 (-79 to +79) | -.20 |",
     ]
 
 
 def test_only_courses_that_all_have_driven_are_compared(method_drives: ModuleType) -> None:
     lite = [replace(DRIVE, perception=LITE, episode=n) for n in range(6)]
-    sgbm = [replace(DRIVE, episode=n, outcome="goal" if n < 4 else "time") for n in range(1, 8)]
+    rocks = {"rocks": 8, "rocks_missed": 1}
+    sgbm = [replace(DRIVE, episode=n, outcome="goal" if n < 4 else "time", **rocks) for n in range(1, 8)]
     *_, row = method_drives.drives_table([*lite, *sgbm], ["lite", "sgbm"]).splitlines()
-    assert row.startswith("| sgbm | 3 of 5, .48 | 2 time | .020 | -40 (") and row.count("to") == 2
+    assert row.startswith("| sgbm | 3 of 5, .48 | 2 time | .020 | 12.5 | -40 (") and row.count("to") == 2
 
 
 def test_mistakes_are_one_line(tmp_path, method_drives: ModuleType, capsys) -> None:
