@@ -20,7 +20,7 @@ from typing import Annotated
 import tyro
 
 from envs.courses.clearance import FAR
-from envs.courses.course import CourseConfig
+from envs.courses.course import CourseConfig, check_rocks
 from envs.drivers.builtin import NavigatorDriver
 from envs.drivers.driver import Driver
 from envs.drives.episodes import Cell, EpisodeRecord, run_episode
@@ -71,8 +71,15 @@ class DemoConfig:
 
     def __post_init__(self) -> None:
         check_least(self, pairs=1, workers=1)
-        CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
-        load_place(self.scene)  # raises ValueError for an unknown place
+        course = CourseConfig(self.goal_distance)  # raises ValueError for a value out of range
+        place = load_place(self.scene)  # raises ValueError for an unknown place
+        try:
+            check_rocks(place, course)
+        except ValueError as error:  # it names k, which is the place's
+            raise ValueError(
+                f"--goal-distance {self.goal_distance:g}: the scene of such a drive may have too many rocks in "
+                f"--scene {self.scene}; choose a smaller one"
+            ) from error
 
 
 def demo(config: DemoConfig) -> Path:

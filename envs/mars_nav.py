@@ -100,14 +100,14 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
 
     ## Episode end
 
-    Terminated: within 1 m of the goal; the chassis touches anything, or a wheel a rock of 0.30 m or more; tilt over 30
-    deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded to drive at 0.05 m/s or more, forwards
-    or backwards). Truncated: out of time, 15 steps for each metre of goal distance. `info["outcome"]` is "driving" or
-    one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time". There is no action to stop: the rover's true
-    place ends the episode, whatever the odometry says. A fall into a ditch has no rule of its own: it ends as "tilt",
-    as "collision" where the chassis touches the brink, or not at all where the rover gets through. Drivers of
-    `envs.evaluate` may end a drive by themselves: "no_path", or "elsewhere" where they believe that they are at the
-    goal and are not.
+    Terminated: within 1 m of the goal; the chassis touches anything, on uneven ground also rocks of 0.24 m, or a wheel
+    a rock of 0.30 m or more; tilt over 30 deg; out of bounds; stuck (less than 0.1 m in five steps that were commanded
+    to drive at 0.05 m/s or more, forwards or backwards). Truncated: out of time, 15 steps for each metre of goal
+    distance. `info["outcome"]` is "driving" or one of "goal", "collision", "tilt", "out_of_bounds", "stuck", "time".
+    There is no action to stop: the rover's true place ends the episode, whatever the odometry says. A fall into a ditch
+    has no rule of its own: it ends as "tilt", as "collision" where the chassis touches the brink, or not at all where
+    the rover gets through. Drivers of `envs.evaluate` may end a drive by themselves: "no_path", or "elsewhere" where
+    they believe that they are at the goal and are not.
 
     ## Information
 
@@ -173,7 +173,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `condition=("clear", "storm")`, each scene draws one, and of a range, `{"optical_depth": (1, 3)}`, its strength.
 
     `episodes_per_scene`: number of episodes in a row in one scene, 1 by default. Each has another start and goal, free
-    of obstacles within 2.5 m, or with a ditch the way back (envs.courses.kept_scene). A reset with a seed or options
+    of obstacles within 2.5 m, or with `ditch` the way back (envs.courses.kept_scene). A reset with a seed or options
     makes a new scene. A kept scene takes no more memory, and its reset a small part of the time, with physics a fifth.
 
     Options of `reset`, for one episode:

@@ -99,6 +99,11 @@ def test_a_wrong_number_is_reported_before_anything_is_deleted(tmp_path, capsys)
         assert capsys.readouterr().err == f"error: {flag} must be at least 1, got 0\n"
     assert main(["--out", str(tmp_path), "--goal-distance", "2"]) == 2
     assert capsys.readouterr().err == "error: --goal-distance must lie in [3, 100] m, got 2.0\n"
+    assert main(["--out", str(tmp_path), "--goal-distance", "60", "--scene", "jezero"]) == 2
+    assert capsys.readouterr().err == (
+        "error: --goal-distance 60: the scene of such a drive may have too many rocks in --scene jezero; choose a "
+        "smaller one\n"
+    )
     assert file_name.is_file()
 
 
