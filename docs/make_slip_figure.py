@@ -1,6 +1,8 @@
 """Makes the figure of docs/results/slip.md, slip over slope and what a wheel pulls: images/slip.png.
 
-python docs/make_slip_figure.py
+Run it in the folder of the repository:
+
+    python docs/make_slip_figure.py
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Measures how far a pixel of the ground is from the mean of 16 finer ones: a table of docs/results/look.md.
 
-python docs/measure_aliasing.py
+Run it in the folder of the repository:
+
+    python docs/measure_aliasing.py
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Measures how far the ground truth is the surface that the images show, by place: the table of docs/results/scene.md.
 
-python docs/measure_relief.py --scenes 4 --pixels 512
-python docs/measure_relief.py --scenes 2 --pixels 2048
+Run it in the folder of the repository:
+
+    python docs/measure_relief.py --scenes 4 --pixels 512
+    python docs/measure_relief.py --scenes 2 --pixels 2048
 """
 
 from __future__ import annotations

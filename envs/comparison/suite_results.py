@@ -185,6 +185,8 @@ def _fault(episode: Mapping[str, Any], suite: Suite, split: str) -> str | None:
     least = apart - GOAL_RADIUS - AIR  # not by the shortest path: a rover may get through steep ground or a ditch
     if episode["success"] and episode["path_length"] < least:
         return f"path_length must be at least {least:.2f} m for an arrival, got {episode['path_length']:g}"
+    if episode["outcome"] == "collision" and episode.get("min_clearance") is None:
+        return "min_clearance must be a number for a collision, got None"
     side = suite.conditions[episode["condition"]].get("image_pixels", EyesConfig.image_pixels)
     return _fault_of_steps(episode, suite) or _fault_of_looks(episode, suite) or _fault_of_depth(episode, side**2)
 

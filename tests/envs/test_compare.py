@@ -126,6 +126,10 @@ def seen(**values):
         (seen(rocks=None), "rocks must be a number for p; only drives with true depth have null"),
         (seen(looks=None), "looks must be a number for p; only drives with true depth have null"),
         (seen(blind=None), "blind must be a number for p; only drives with true depth have null"),
+        (
+            lambda c: (failed("collision", None)(c), c["episodes"][0].pop("min_clearance")),
+            "min_clearance must be a number for a collision, got None",
+        ),
         (seen(near_ground=10**9), "the pixels of all looks, got 1000000000"),
         (seen(false_obstacles=None), "false_obstacles must be a number for p; only drives with true depth have null"),
         (broken("min_clearance", 4.0), "episodes[0].min_clearance must be at most 3, got 4"),
