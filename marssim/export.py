@@ -156,6 +156,7 @@ def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:
 _DISPARITY = """\
 Disparity is x_left - x_right in pixels as the images show it, pixel centres are integers. So it contains the residual
 errors of rectification that the dataset was rendered with; depth = f B / disparity is exact where there are none.
+These errors may give very far ground a disparity of 0 or less; there it is marked like the sky.
 """
 
 _NAMES = """\

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -68,6 +69,27 @@ def partners(
             if key not in files:
                 raise DatasetError(f"{path}: has no partner in {root / pattern}")
         yield path, *(files[key] for files in others)
+
+
+def warn_of_lone_rights(
+    root: Path, left: str, right: str, left_out: Callable[[Path], bool] = lambda path: False
+) -> None:
+    """Print a warning if right images have no left image, so that `partners` leaves them out.
+
+    Args:
+        root: Folder that the patterns start from.
+        left: The pattern of the left images.
+        right: The pattern of the right images.
+        left_out: Returns whether a file does not count.
+
+    Raises:
+        DatasetError: A pattern matches nothing.
+    """
+    lefts = matches(root, left)
+    lone = [path for key, path in matches(root, right).items() if key not in lefts and not left_out(path)]
+    if lone:
+        others = f", as {len(lone) - 1} more" if len(lone) > 1 else ""
+        print(f"warning: {lone[0]}: has no left image in {root / left} and is left out{others}", file=sys.stderr)
 
 
 def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:

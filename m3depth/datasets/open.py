@@ -167,6 +167,7 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
     read = READERS[layout]
     roots = [name for name in SPLITS if (path / name).is_dir()] if layout in SPLIT_FOLDERS else []
     if roots:
+        _check_split_names(path, roots, lambda folder: read(folder, config, rigs))
         parts = [(name, read(path / name, config, rigs)) for name in roots if split in (name, "all")]
         # each split numbers its pairs from 0
         chosen = [
@@ -177,6 +178,14 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
     else:
         raise DatasetError(f"{path}: holds no pairs of layout {layout}")
     return PairList(path, split, chosen, config)
+
+
+def _check_split_names(root: Path, splits: Sequence[str], read: Callable[[Path], Iterator[PairFiles]]) -> None:
+    """Raise DatasetError if pairs lie beside the folders of splits, in one that has another name of a split."""
+    for name, split in SPLIT_NAMES.items():
+        if any(read(root / name)):
+            others = " and ".join(str(root / other) for other in splits)
+            raise DatasetError(f"{root / name}: holds pairs beside {others}; call the folder {split}")
 
 
 def open_folders(paths: Sequence[Path], split: Split, config: DataConfig | None = None) -> list[StereoPairs]:

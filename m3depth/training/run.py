@@ -34,7 +34,7 @@ MOST_STEPS = 10**15  # a larger number of steps is none
 WORLD = "number of processes"  # its name in a run's identity
 CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
     "max_minutes", "max_steps", "epochs", "lr", "schedule", "weight_decay", "clip", "ema", "accumulate", "precision",
-    "data",
+    "data", "validate_samples",
 )  # fmt: skip
 
 

@@ -127,7 +127,9 @@ def statistics_figure(statistics: dict[str, SampleStatistics], title: str) -> by
         share = part.disparity / max(1, part.disparity.sum())
         axes[0, 1].stairs(share * 100, np.arange(len(share) + 1), color=COLOURS[name], label=name)
     axes[0, 1].axvline(NETWORK_DISPARITY, color="0.6", linestyle=":")
-    axes[0, 1].set(xlabel="disparity of valid pixels [px]", ylabel="share of pixels in a bin of 1 px [%]", yscale="log")
+    axes[0, 1].set(xlabel="disparity of valid pixels [px]", ylabel="share of pixels in a bin of 1 px [%]")
+    if any(part.disparity.any() for part in statistics.values()):  # a logarithmic axis needs a share above 0
+        axes[0, 1].set_yscale("log")
     _share_plot(axes[0, 2], statistics)
     for name, part in statistics.items():
         axes[1, 0].scatter(part.gradients, part.lbp, s=10, color=COLOURS[name], label=name)

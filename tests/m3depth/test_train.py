@@ -408,8 +408,9 @@ def test_a_resumed_run_says_which_settings_are_new(plane_samples, tmp_path, caps
     train(replace(config, max_steps=3, lr=1e-3, loss=LossConfig(rock=2.0)), plane_samples, [])
     output = capsys.readouterr().err
     assert "settings: --max-steps 3 (was 2), --lr 0.001 (was 0.005), --loss.rock 2.0 (was 4.0)\n" in output
-    run = Run(replace(config, weight_decay=0.5), torch.device("cpu"))
+    run = Run(replace(config, weight_decay=0.5, validate_samples=8), torch.device("cpu"))
     assert run.resume() and "--weight-decay 0.5 (was 0.0001)" in run.changed
+    assert "--validate-samples 8 (was 0)" in run.changed
     assert [group["weight_decay"] for group in run.optimizer.param_groups] == [0.5]
     reader = DataConfig(resize=0.5)
     changed = replace(config, max_steps=4, lr=1e-3, loss=LossConfig(rock=2.0), accumulate=2, reader=reader)

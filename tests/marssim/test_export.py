@@ -275,6 +275,7 @@ def test_every_sample_is_named_and_explained(exports, name):
     assert index["test"] == ["00001/00", "00001/01"]
     about = (exports[name] / "README.md").read_text()
     assert LAYOUTS[name].about in about and "Disparity is x_left - x_right" in about and "`samples.json` lists" in about
+    assert "disparity of 0 or less" in about
 
 
 # --- going on, and mistakes -------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from m3depth.datasets.config import DataConfig
-from m3depth.datasets.folders import partners
+from m3depth.datasets.folders import partners, warn_of_lone_rights
 from m3depth.datasets.image_files import image_size, read_pair
 from m3depth.datasets.open import sensors_are_named
 from m3depth.datasets.pair_files import CalibrationReader
@@ -165,6 +165,7 @@ def calibration_files(pairs: Sequence[ImagePair]) -> list[Path]:
 def _pairs(root: Path, config: DataConfig) -> Iterator[ImagePair]:
     assert config.left is not None and config.right is not None
     rigs = given_rig(config) or partial(_own_rig, root)
+    warn_of_lone_rights(root, config.left, config.right, is_valid_mask)
     for left, right in partners(root, (config.left, config.right), is_valid_mask):
         name = left.relative_to(root).with_suffix("").as_posix()
         yield ImagePair(name, left, right, rigs(root / "calib.txt", left))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,6 +79,25 @@ def make_calibration(
         _check_middle(calibration, (width, height), source, image)
     _check_sense(calibration, width, options, source)
     return calibration
+
+
+def note_rig_beside(options: PredictOptions, image: Path) -> None:
+    """Print a note if a rig file beside an image gives what --focal and --baseline do not.
+
+    m3depth.rectify writes its report beside the rig file, which is of these images then, and needs no note.
+
+    Args:
+        options: The command's flags.
+        image: The first left image, or the video.
+    """
+    beside = rig_beside(image)
+    asked = options.focal is not None and None in (options.cx, options.cy)
+    if asked and not options.calib and beside.is_file() and not beside.with_name(REPORT).is_file():
+        print(
+            f"note: {beside}, which lies beside the images, gives what the flags do not: the principal point, and the "
+            "shift of cameras that converge",
+            file=sys.stderr,
+        )
 
 
 def _check_middle(calibration: Calibration, size: tuple[int, int], source: str, image: Path) -> None:

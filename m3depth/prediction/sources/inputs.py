@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.datasets.config import DataConfig
-from m3depth.datasets.folders import partners, read_list
+from m3depth.datasets.folders import partners, read_list, warn_of_lone_rights
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.open import PairList, detect, open_pairs, sensors_are_named
 from m3depth.datasets.rigs import NATECAM_NAME, FileRig
@@ -21,6 +21,7 @@ from m3depth.datasets.state import state_of_files
 from m3depth.prediction.masks import is_valid_mask, valid_mask
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.sources.bag_pairs import BagPairs, check_result_bag
+from m3depth.prediction.sources.calibration import note_rig_beside
 from m3depth.prediction.sources.pair_input import PairInput, ReadPair
 from m3depth.prediction.sources.poses import given_rover_pose, read_poses, rolled, rover_pose, sample_mount, sample_pose
 from m3depth.prediction.sources.raw_pairs import RawPairs, find_products, must_be_rectified
@@ -223,6 +224,8 @@ def find_inputs(options: PredictOptions) -> Inputs:
     if not is_bag_alone and must_be_rectified(options, first.left) and (asked or not is_rectified):
         inputs = _rectified(inputs, options)
     if inputs.rectification is None:
+        if first.calibration is None:
+            note_rig_beside(options, first.left)
         for name, value in vars(options.raw).items():
             if value:
                 raise ValueError(f"--{name} is of raw images: give the calibration of their cameras with --calib")
@@ -299,6 +302,7 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
         if "*" in part or "?" in part:
             break
         fixed = fixed / part
+    warn_of_lone_rights(root, patterns[0], patterns[1], is_valid_mask)
     for left, right in partners(root, patterns, left_out=is_valid_mask):
         name = left.relative_to(fixed).with_suffix("").as_posix()
         yield _with_calibration(PairInput(name, left, right), root / "calib.txt")

@@ -24,8 +24,8 @@ from m3depth.rectification.product_names import SUFFIXES, is_product, left_produ
 from m3depth.rectification.raw_image import RawImage, read_raw_pair
 from marssim.base.calibration.orientation import common_orientation
 from marssim.base.calibration.read_pair import (
+    calibration_of_distorted_images,
     has_label,
-    info_of_distorted_images,
     is_of_raw_cameras,
     labelled_pair,
     read_label,
@@ -67,12 +67,12 @@ def must_be_rectified(options: PredictOptions, left: Path) -> bool:
     try:
         if is_of_raw_cameras(options.calib):
             return True
-        info = info_of_distorted_images(options.calib)
+        distorted = calibration_of_distorted_images(options.calib)
     except (FileNotFoundError, ValueError):  # reading the calibration reports it
         return False
-    if info is not None:
+    if distorted is not None:
         means = "the images are taken as rectified ones; if they are not, give --rectify always"
-        print(f"note: {info} is of a camera with distortion, or one that is turned: {means}", file=sys.stderr)
+        print(f"note: {distorted} is of a camera with distortion, or one that is turned: {means}", file=sys.stderr)
     return False
 
 

@@ -34,6 +34,7 @@ from marssim.base.calibration.zhurong import check_frames as check_zhurong_frame
 from marssim.base.command.input_file import check_file
 
 HEAD = 200_000  # bytes of a file that tell its kind
+STRAIGHT = 1e-4  # [rad] largest turn of a camera whose images are rectified
 
 
 def read_raw_calibration(paths: Sequence[Path], fisheye: bool = False) -> PosedPair:
@@ -98,21 +99,32 @@ def is_of_raw_cameras(paths: Sequence[Path]) -> bool:
     return is_kalibr(content) or (is_opencv(content) and "P1" not in content and "Q" not in content)
 
 
-def info_of_distorted_images(paths: Sequence[Path]) -> Path | None:
-    """Return the first CameraInfo of ROS among calibrations that describes a distorted or a turned camera, or None.
+def calibration_of_distorted_images(paths: Sequence[Path]) -> Path | None:
+    """Return the first calibration of ROS or OpenCV that describes a distorted or a turned camera, or None.
 
     Its rectified images have neither, so it also describes other images, which may be those that are given.
 
     Raises:
         ValueError: A file is malformed. One line that names it.
     """
-    for path in paths:
-        if _is_camera_info(text := read_text(path)):
-            camera = read_in(path, parse_raw_camera, text)
-            straight = isinstance(camera.lens, RadialTangential) and not any(camera.lens.coefficients)
-            if not (straight and np.allclose(camera.rotation, np.eye(3), atol=1e-4)):
-                return path
+    texts = [read_text(path) for path in paths]
+    for path, text in zip(paths, texts, strict=True):
+        if _is_camera_info(text) and not _sees_rectified(read_in(path, parse_raw_camera, text)):
+            return path
+    content = _content(paths, texts)
+    if is_opencv(content):
+        with suppress(ValueError):  # it lacks the raw cameras, so it describes rectified images only
+            pair = pair_of_opencv(content)
+            if not (_sees_rectified(pair.left) and _sees_rectified(pair.right)):
+                return paths[0]
     return None
+
+
+def _sees_rectified(camera: PosedCamera) -> bool:
+    """Return whether the images of a camera are rectified as it takes them: no distortion, no turn, no step aside."""
+    straight = isinstance(camera.lens, RadialTangential) and not any(camera.lens.coefficients)
+    aside = np.abs(camera.centre[1:]).max() > STRAIGHT * np.linalg.norm(camera.centre)
+    return straight and not aside and np.allclose(camera.rotation, np.eye(3), atol=STRAIGHT)
 
 
 def read_label(path: Path) -> ProductLabel | None:

@@ -724,3 +724,16 @@ def test_what_lies_beyond_the_border_of_a_right_image_that_is_moved_to_the_right
     sample = open_pairs(tmp_path, "all")[0]
     assert (sample.disparity == 10).all()  # to the right image that was moved by 6 px, whose first 6 columns are empty
     assert sample.occluded[:, :16].all() and not sample.occluded[:, 16:].any()
+
+
+def test_a_folder_with_another_name_of_a_split_is_named(tmp_path) -> None:
+    for split in ("train", "test", "validation"):
+        scene = tmp_path / split / "Teddy"
+        for name, content in (("im0.png", image()), ("im1.png", image()), ("disp0.pfm", ramp())):
+            put(scene / name, content)
+        put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    message = f"{tmp_path / 'validation'}: holds pairs beside .*train and .*test; call the folder val$"
+    with pytest.raises(DatasetError, match=message):
+        open_pairs(tmp_path, "train")
+    (tmp_path / "validation").rename(tmp_path / "val")
+    assert [len(open_pairs(tmp_path, split)) for split in SPLITS] == [1, 1, 1]

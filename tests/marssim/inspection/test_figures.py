@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
+import pytest
 
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import read_sample
@@ -61,6 +64,14 @@ def test_statistics_are_drawn(closed_form_set):
             statistics[name].add(sample)
     image = decoded(statistics_figure(statistics, "set"))
     assert image.shape[:2] == (800, 1400) and image.std() > 20
+
+
+@pytest.mark.filterwarnings("error")
+def test_statistics_without_a_pixel_that_is_scored_are_drawn(closed_form_set):
+    sample = StereoDataset(closed_form_set, "train")[0]
+    alone = SampleStatistics()
+    alone.add(replace(sample, depth=np.full_like(sample.depth, 50.0), valid=np.zeros_like(sample.valid)))
+    assert not alone.disparity.any() and decoded(statistics_figure({"all": alone}, "set")).std() > 10
 
 
 def test_one_split_alone_is_drawn_once(closed_form_set):

@@ -306,3 +306,33 @@ def test_a_mount_that_is_given_is_of_level_raw_cameras_and_a_recorded_one_of_the
                                atol=1e-12)  # fmt: skip
     recorded = replace(raw, on_rover=level)
     np.testing.assert_array_equal(inputs.on_rover(recorded, RIG, replace(options, mount=None)), level)
+
+
+def test_a_rig_file_beside_the_images_is_told_if_flags_give_the_rest(tmp_path, capsys):
+    pair = [image(tmp_path / f"{eye}.png") for eye in ("a", "b")]
+    scale = {"focal": 40.0, "baseline": 0.2}
+    find(*pair, **scale)
+    assert not capsys.readouterr().err
+    write_json(tmp_path / "rig.json", {})
+    find(*pair, **scale)
+    assert capsys.readouterr().err.startswith(f"note: {tmp_path / 'rig.json'}, which lies beside the images, gives")
+    find(*pair)
+    find(*pair, **scale, cx=15.0, cy=10.0)
+    write_json(tmp_path / "report.json", {})  # of m3depth.rectify
+    find(*pair, **scale)
+    assert not capsys.readouterr().err
+
+
+def test_right_images_without_a_left_one_are_told(tmp_path, capsys):
+    for name in ("a_L", "a_R", "a_R_valid"):
+        image(tmp_path / f"{name}.png")
+    patterns = {"left": "*_L.png", "right": "*_R.png"}
+    assert len(find(tmp_path, **patterns).pairs) == 1 and not capsys.readouterr().err
+    image(tmp_path / "b_R.png")
+    assert len(find(tmp_path, **patterns).pairs) == 1
+    assert capsys.readouterr().err == (
+        f"warning: {tmp_path / 'b_R.png'}: has no left image in {tmp_path / '*_L.png'} and is left out\n"
+    )
+    image(tmp_path / "c_R.png")
+    find(tmp_path, **patterns)
+    assert capsys.readouterr().err.endswith(" and is left out, as 1 more\n")

@@ -130,16 +130,18 @@ def test_which_pairs_are_raw(tmp_path, images):
     assert not asks(calib=(Path("natecam"),))
 
 
-def test_a_camera_info_that_may_be_of_raw_images_is_told(tmp_path, images, capsys):
+def test_a_calibration_that_may_be_of_raw_images_is_told(tmp_path, images, capsys):
     infos = tuple(tmp_path / name for name in ("left.yaml", "right.yaml"))
     for path, text in zip(infos, camera_info_texts(PAIR, rectified_view(PAIR))):
         path.write_text(text)
-    left = images / "left.png"
-    assert not must_be_rectified(PredictOptions((left,), tmp_path, calib=infos), left)
-    assert f"note: {infos[0]} is of a camera with distortion" in capsys.readouterr().err
-    for rectify in ("always", "never"):
-        must_be_rectified(PredictOptions((left,), tmp_path, calib=infos, rectify=rectify), left)
-    assert not capsys.readouterr().err
+    left, both = images / "left.png", tmp_path / "both.yml"
+    both.write_text(opencv_text(PAIR) + "P1: [1, 2]\nP2: [3, 4]\n")
+    for calib in (infos, (both,)):
+        assert not must_be_rectified(PredictOptions((left,), tmp_path, calib=calib), left)
+        assert f"note: {calib[0]} is of a camera with distortion" in capsys.readouterr().err
+        for rectify in ("always", "never"):
+            must_be_rectified(PredictOptions((left,), tmp_path, calib=calib, rectify=rectify), left)
+        assert not capsys.readouterr().err
 
 
 def test_a_check_that_fails_after_the_rectification_leaves_nothing(tmp_path, images, capsys):

@@ -17,8 +17,8 @@ from marssim.base.calibration.opencv_file import opencv_text
 from marssim.base.calibration.orientation import common_orientation, rectified_view
 from marssim.base.calibration.pds3_label import camera_group
 from marssim.base.calibration.read_pair import (
+    calibration_of_distorted_images,
     has_label,
-    info_of_distorted_images,
     is_of_raw_cameras,
     read_label,
     read_raw_calibration,
@@ -82,8 +82,9 @@ def test_which_calibrations_are_of_raw_cameras_alone(tmp_path):
         files[name].write_text(text)
     assert is_of_raw_cameras([files["opencv.yml"]]) and is_of_raw_cameras([files["chain.yaml"]])
     assert not is_of_raw_cameras([files["both.yml"]])
+    assert calibration_of_distorted_images([files["both.yml"]]) == files["both.yml"]
     infos = [files["left.yaml"], files["right.yaml"]]
-    assert not is_of_raw_cameras(infos) and info_of_distorted_images(infos) == files["left.yaml"]
+    assert not is_of_raw_cameras(infos) and calibration_of_distorted_images(infos) == files["left.yaml"]
     for file in infos:  # cameras whose images are rectified as they are
         text = file.read_text()
         for field, data in (
@@ -92,7 +93,7 @@ def test_which_calibrations_are_of_raw_cameras_alone(tmp_path):
         ):
             text = re.sub(rf"({field}:.*?data: )\[[^]]*\]", rf"\g<1>{data}", text, flags=re.DOTALL)
         file.write_text(text)
-    assert info_of_distorted_images(infos) is None
+    assert calibration_of_distorted_images(infos) is None
     (tmp_path / "kitti.txt").write_text("P2: 7 0 6 0 0 7 3 0 0 0 1 0\nP3: 7 0 6 -3 0 7 3 0 0 0 1 0\n")
     assert not is_of_raw_cameras([tmp_path / "kitti.txt"])
 
@@ -438,3 +439,18 @@ def test_a_skew_is_not_lost_in_a_file_that_holds_none():
     skewed = replace(fisheye.left, lens=replace(fisheye.left.lens, skew=6.0))
     with pytest.raises(ValueError, match="Kalibr's files hold no skew"):
         kalibr_text(replace(fisheye, left=skewed))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [({}, False), ({"D2": [[0.1, 0, 0, 0]]}, True), ({"R": TURN}, True), ({"T": [-0.1, 0.01, 0]}, True)],
+)
+def test_opencv_files_whose_cameras_take_no_rectified_images_are_told(tmp_path, change, told):
+    k = np.array([[300.0, 0, 20], [0, 300, 10], [0, 0, 1]])
+    content = {"K1": k, "D1": np.zeros((1, 4)), "K2": k, "D2": np.zeros((1, 4)), "R": np.eye(3), "T": [-0.1, 0, 0]}
+    file = tmp_path / "stereo.yml"
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+    for name, matrix in (content | change).items():
+        storage.write(name, np.atleast_1d(np.array(matrix, float)))
+    storage.release()
+    assert calibration_of_distorted_images([file]) == (file if told else None)
