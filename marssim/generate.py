@@ -177,8 +177,8 @@ def _absolute(config: GenerateConfig) -> GenerateConfig:
         else scene
         for scene in config.scenes
     ]
-    rig_file = tuple(file.absolute() for file in config.rig_file)
-    return replace(config, out=config.out.absolute(), scenes=tuple(scenes), rig_file=rig_file)
+    rig_file = tuple(Path(file).absolute() for file in config.rig_file)
+    return replace(config, out=Path(config.out).absolute(), scenes=tuple(scenes), rig_file=rig_file)
 
 
 def _with_rasterizer(config: GenerateConfig) -> GenerateConfig:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from marssim.base.command.limits import check_range, check_whole
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.ground.elevation import ElevationConfig
 from nav.ground.traversability import TraversabilityConfig
@@ -21,6 +22,9 @@ class RiskLevel:
     """Slopes up to this angle may be driven over [deg]."""
     margin_share: float
     """Share of the margins beside obstacles that is kept."""
+
+    def __post_init__(self) -> None:
+        check_range(self, step=(0, 100), slope_deg=(0, 180), margin_share=(0, 1))
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,20 @@ class NavigatorConfig:
     """Drive steps without motion that mean an unseen obstacle."""
 
     def __post_init__(self) -> None:
+        check_range(
+            self, step_time=(1e-3, 1e4), goal_radius=(0, 1e4), clear_radius=(0, 1e4), look_pan_deg=(0, 180),
+            pan_reach_deg=(0, 180), look_before_turn_deg=(0, 360), seen_share=(0, 1), back_up=(0, 1e4),
+            back_speed=(1e-3, 1e3),
+        )  # fmt: skip
+        check_whole(
+            self, least_points=0, max_recoveries=0, closed_steps=0, risk_after=0, risk_after_recoveries=0, risk_steps=0,
+            slip_steps=0,
+        )  # fmt: skip
+        if not 4 * self.planner.coarse * self.elevation.cell <= self.elevation.size:
+            raise ValueError(
+                f"planner.coarse must be at most a quarter of the map's cells, got {self.planner.coarse}, of "
+                f"{self.elevation.cell:g} m in {self.elevation.size:g} m"
+            )
         # A level that ends before the rover gives up would be accepted again and again.
         if self.risk_levels and self.risk_steps <= self.closed_steps:
             raise ValueError(

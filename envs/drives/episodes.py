@@ -13,6 +13,7 @@ import numpy as np
 from envs.courses.course import series_seed
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import MarsNavEnv
+from envs.suites.conditions import CONDITIONS
 from envs.world.action import ActionError
 from envs.world.look_scores import GroundAsSky, RockErrors, is_blind, look_abs_rel, look_ground_as_sky, look_rock_errors
 from envs.world.user_code import UserCodeError, code_digest, errors_of
@@ -36,7 +37,8 @@ class Cell:
     slope_deg: float | None = None
     """Regional slope [deg]; None for that of the scene preset."""
     condition: str | None = None
-    """Name of the condition (envs.suites.conditions); None for that of the environment's arguments."""
+    """Name of the condition that the environment was made with, for the record (envs.suites.conditions); None for
+    none."""
 
     @property
     def name(self) -> str:
@@ -213,7 +215,7 @@ def run_episode(
     Args:
         env: The environment.
         driver: The driver.
-        cell: The conditions.
+        cell: Rock abundance and slope, which the reset sets, and the condition that `env` was made with.
         seed: Seed of the series of courses.
         episode: Number of the course.
         names: Driver and perception, for the record.
@@ -224,13 +226,14 @@ def run_episode(
         The record.
 
     Raises:
+        ValueError: If the cell names a condition, and the environment was made without any.
         ActionError: If the driver returns neither an action nor a Stop; the message names the driver.
         UserCodeError: If a driver or a perception of the user raises an exception; the message names step and course.
     """
     code = code_digest()  # before the drive, as the sources may be edited during it
     log = _Log()
     try:
-        _drive(env, driver, course_options(cell, seed, episode), log, watch)
+        _drive(env, driver, cell, course_options(cell, seed, episode), log, watch)
     except ActionError as error:
         raise ActionError(f"driver {names[0]!r}: {error}") from None
     except UserCodeError as error:
@@ -301,8 +304,16 @@ def _sums(names: Sequence[str], looks: Sequence[tuple[int, ...]]) -> dict[str, i
     return {name: sum(numbers) for name, numbers in zip(names, columns, strict=True)} if looks else {}
 
 
-def _drive(env: MarsNavEnv, driver: Driver, options: dict[str, Any], log: _Log, watch: Watch | None) -> None:
+def _drive(
+    env: MarsNavEnv, driver: Driver, cell: Cell, options: dict[str, Any], log: _Log, watch: Watch | None
+) -> None:
     observation, info = env.reset(seed=options["scene_seed"], options=options)
+    assert env.settings is not None
+    if CONDITIONS.get(cell.condition or "") and not env.settings.condition:
+        raise ValueError(
+            f"cell has the condition {cell.condition}, and the environment has none; make it by "
+            f"MarsNavEnv(condition={cell.condition!r})"
+        )
     with errors_of(driver):
         driver.reset(env, options["scene_seed"])
     log.start_distance = info["distance"]

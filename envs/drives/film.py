@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -67,7 +68,7 @@ class Film:
         stills: Every tenth frame, (H, W, 3) uint8.
     """
 
-    def __init__(self, path: Path, title: str = "") -> None:
+    def __init__(self, path: str | os.PathLike[str], title: str = "") -> None:
         """Open the file.
 
         Args:
@@ -78,7 +79,7 @@ class Film:
             OSError: If the file cannot be written.
         """
         self._file = ExitStack()
-        self._write = self._file.enter_context(written_video(path, (3 * PANEL, 2 * PANEL), FPS))
+        self._write = self._file.enter_context(written_video(Path(path), (3 * PANEL, 2 * PANEL), FPS))
         self.title = title
         self.stills: list[np.ndarray] = []
         self._view: OutsideView | None = None

@@ -17,9 +17,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader, PairFiles
+import numpy as np
+
+from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader, PairFiles, is_above_zero, is_zero
 from m3depth.datasets.rigs import FileRig
 from marssim.base.calibration.rectified import Calibration
 
@@ -54,7 +57,7 @@ def kitti(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
             yield PairFiles(
                 number, number, path, training / right / path.name, training / truth / path.name, "disparity",
                 rigs(training / calib / f"{number}.txt", path),
-                visible=visible if visible.is_file() else None, hidden=lambda mask: mask == 0,
+                visible=visible if visible.is_file() else None, hidden=is_zero,
             )  # fmt: skip
         if images:
             return
@@ -85,7 +88,7 @@ def sceneflow(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
             (scene / inside.stem).as_posix(), road or scene.as_posix(), path, right,
             root / "disparity" / inside.with_suffix(".pfm"), "disparity",
             rigs(root / "calib" / scene / f"{inside.stem}.txt", path), zero_is_far=True,
-            visible=occlusions if occlusions.is_file() else None, hidden=lambda mask: mask > 0,
+            visible=occlusions if occlusions.is_file() else None, hidden=is_above_zero,
         )  # fmt: skip
 
 
@@ -99,11 +102,13 @@ def sceneflow_rig(calib: Path, left: Path) -> CalibrationReader:
     if calib.is_file():
         return FileRig(calib, left)
 
-    def rig(width: int, height: int) -> Calibration:
-        focal = (SCENEFLOW_SHORT if "15mm_focallength" in left.parts else SCENEFLOW_FOCAL) * width / 960
-        return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, SCENEFLOW_BASELINE)
+    return partial(_sceneflow_camera, SCENEFLOW_SHORT if "15mm_focallength" in left.parts else SCENEFLOW_FOCAL)
 
-    return rig
+
+def _sceneflow_camera(focal: float, width: int, height: int) -> Calibration:
+    """Return the camera of a focal length at 960 px of width, for images of a size [px]."""
+    focal = focal * width / 960
+    return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, SCENEFLOW_BASELINE)
 
 
 def middlebury(root: Path, rigs: CalibrationFinder) -> Iterator[PairFiles]:
@@ -141,5 +146,10 @@ def _scene(images: Path, truths: Path, rigs: CalibrationFinder) -> Iterator[Pair
     yield PairFiles(
         images.name, RECTIFICATION.sub("", images.name), images / "im0.png", images / "im1.png", truth, "disparity",
         rigs(images / "calib.txt", images / "im0.png"), visible=mask if mask.is_file() else None,
-        hidden=lambda mask: mask == OCCLUDED,
+        hidden=_is_occluded,
     )  # fmt: skip
+
+
+def _is_occluded(mask: np.ndarray) -> np.ndarray:
+    """Return the pixels that a mask of Middlebury or ETH3D marks as occluded."""
+    return mask == OCCLUDED

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import Kind
-from m3depth.datasets.pair_files import CalibrationFinder, PairFiles
+from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, is_above_zero
 from marssim.base.files.json_file import DatasetError
 
 
@@ -143,7 +143,7 @@ def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConf
         yield PairFiles(
             Path(words[0]).with_suffix("").as_posix(), scene, left, right, truth, "disparity",
             rigs(root / "calib" / f"{left.stem}.txt", left), unit=config.unit,
-            visible=occluded if occluded.is_file() else None, hidden=lambda mask: mask > 0,
+            visible=occluded if occluded.is_file() else None, hidden=is_above_zero,
         )  # fmt: skip
 
 

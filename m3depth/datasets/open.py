@@ -12,9 +12,11 @@ pair.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import overload
 
 from m3depth.datasets.benchmarks import eth3d, kitti, middlebury, sceneflow, sceneflow_rig
 from m3depth.datasets.config import DataConfig, Format, Split
@@ -71,7 +73,13 @@ class PairList:
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def __getitem__(self, index: int) -> StereoSample:
+    @overload
+    def __getitem__(self, index: int) -> StereoSample: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[StereoSample]: ...
+    def __getitem__(self, index: int | slice) -> StereoSample | list[StereoSample]:
+        if isinstance(index, slice):
+            return [read_pair_files(pair, self.config) for pair in self.pairs[index]]
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self.path}: split {self.split} holds {len(self)} pairs, there is no index {index}")
         return read_pair_files(self.pairs[index], self.config)
@@ -133,7 +141,7 @@ def _layout_by_signs(path: Path, part: Path | None = None) -> Format | None:
     return None
 
 
-def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> StereoPairs:
+def open_pairs(path: str | os.PathLike[str], split: Split, config: DataConfig | None = None) -> StereoPairs:
     """Open the pairs of one split of a dataset; it may hold none.
 
     Args:
@@ -146,9 +154,11 @@ def open_pairs(path: Path, split: Split, config: DataConfig | None = None) -> St
 
     Raises:
         DatasetError: The folder has none of the layouts; the message, one line, names the file or the flag.
-        ValueError: A flag that the layout does not take.
+        ValueError: A split that is unknown, or a flag that the layout does not take.
     """
-    config = config or DataConfig()
+    config, path = config or DataConfig(), Path(path)
+    if split not in (*SPLITS, "all"):
+        raise ValueError(f"split {split!r} is unknown; choose from {', '.join(SPLITS)}, all")
     if not path.exists():
         raise DatasetError(f"{path}: no such folder")
     layout = detect(path, config)

@@ -32,6 +32,16 @@ SHIFT_KEY = "disparity_shift_px"  # in `meta` of a sample
 BREAK = 0.1  # share of the disparity by which one surface may change within 3 x 3 px
 
 
+def is_above_zero(mask: np.ndarray) -> np.ndarray:
+    """Return the pixels of a mask that are hidden where it marks the hidden ones."""
+    return mask > 0
+
+
+def is_zero(mask: np.ndarray) -> np.ndarray:
+    """Return the pixels of a mask that are hidden where it marks the visible ones."""
+    return mask == 0
+
+
 @dataclass(frozen=True)
 class PairFiles:
     """The files of one pair, and how they are read.
@@ -46,7 +56,8 @@ class PairFiles:
         zero_is_far: A disparity of 0 is sky, not a gap.
         unit: See read_map.
         visible: A mask of visible pixels.
-        hidden: Tells occluded pixels from the mask; only pixels of known depth count.
+        hidden: Tells occluded pixels from the mask; only pixels of known depth count. A function of a module, so that
+            a pair can go to another process.
         normal: The map of normals of the left image.
     """
 

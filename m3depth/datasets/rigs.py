@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
@@ -55,11 +56,7 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
         DatasetError: The calibration file is missing or does not fit; the message is one line.
     """
     if config.focal is not None and config.baseline is not None:
-        focal, baseline = config.focal, config.baseline
-
-        def from_flags(width: int, height: int) -> Calibration:
-            return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, baseline)
-
+        from_flags = partial(_centred, config.focal, config.baseline)
         return lambda calib, left: from_flags
     if config.calib == NATECAM_NAME:
         return lambda calib, left: natecam
@@ -72,6 +69,11 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
         return lambda calib, left: FileRig(path, left, is_given=True)
     rig: Calibration = sensors
     return lambda calib, left: SensorRig(path, left, rig)
+
+
+def _centred(focal: float, baseline: float, width: int, height: int) -> Calibration:
+    """Return the calibration of images of a size [px] whose principal point is their middle."""
+    return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, baseline)
 
 
 @dataclass(frozen=True)

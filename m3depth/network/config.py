@@ -86,7 +86,8 @@ class M3DepthConfig:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
+            value = _of_kind(field.name, getattr(self, field.name), field.default)
+            object.__setattr__(self, field.name, value)
             least = 0 if field.name in OPTIONAL or isinstance(value, bool) else 1
             if min(value if isinstance(value, tuple) else (value,)) < least:
                 raise ValueError(f"{field.name} must be at least {least}, got {value}")
@@ -145,6 +146,17 @@ class M3DepthConfig:
         if values.get("refine_steps") == 0 and "convex_upsampling" not in data:
             values |= PLAIN_UPSAMPLING
         return cls(**values)
+
+
+def _of_kind(name: str, value: Any, default: Any) -> Any:
+    """Return the value of a field, a list as a tuple. Raises ValueError, which names it, for one unlike the default."""
+    values = tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
+    parts = values if isinstance(default, tuple) else (values,)
+    wanted = default if isinstance(default, tuple) else (default,)
+    if not isinstance(parts, tuple) or [type(part) for part in parts] != [type(part) for part in wanted]:
+        number = f"{len(wanted)} whole numbers" if isinstance(default, tuple) else "a whole number"
+        raise ValueError(f"{name} must be {'True or False' if isinstance(default, bool) else number}, got {value!r}")
+    return values
 
 
 PLAIN_UPSAMPLING: dict[str, Any] = {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0}

@@ -6,6 +6,8 @@ import torch
 
 from marssim.base.command.wording import counted
 
+DEVICES = ("auto", "cpu", "cuda")
+
 
 def chosen_device(wanted: str, number: int = 0) -> torch.device:
     """Return the device that --device names: cpu, cuda, or auto, which is a GPU if there is one.
@@ -15,8 +17,10 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
         number: Which GPU, from 0.
 
     Raises:
-        ValueError: cuda without a GPU, or a number that is too large.
+        ValueError: Another name, cuda without a GPU, or a number that is too large.
     """
+    if wanted not in DEVICES:
+        raise ValueError(f"--device {wanted}: is unknown; choose from {', '.join(DEVICES)}")
     has_gpu = torch.cuda.is_available()
     if wanted == "cuda" and not has_gpu:
         raise ValueError("--device cuda: no GPU was found; choose cpu or auto")

@@ -36,8 +36,8 @@ def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
     """
     check_runtime(wanted)
     if wanted == "openvino":
-        if device == "cuda":
-            raise ValueError("`runtime` openvino runs on the CPU, not on cuda: choose the device cpu, or pytorch")
+        if device not in ("auto", "cpu"):
+            raise ValueError(f"`runtime` openvino runs on the CPU, not on {device}: choose the device cpu, or pytorch")
         if not openvino_is_installed():
             raise ImportError("`runtime` openvino: it is not installed; pip install 'mars-m3depth[fast]'")
         return "openvino"

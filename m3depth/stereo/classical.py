@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from numbers import Integral
 from typing import ClassVar, Literal
 
 import cv2
@@ -22,6 +23,7 @@ from m3depth.stereo.window_costs import Cost, semi_global, window_costs, winners
 from marssim.base.camera import StereoRig
 
 MODES = {5: cv2.StereoSGBM_MODE_SGBM, 8: cv2.StereoSGBM_MODE_HH}  # of OpenCV, by the number of directions
+SGBM_BLOCK = 11  # [px] largest window; of 21 px, a quarter of the matches along 8 directions are lost
 SGBM_REACH = 2032  # [px] largest search of OpenCV, which keeps 16 times the disparity in 16 bits
 WTA_BLOCK, SGM_BLOCK = 9, 5  # default side of BlockMatching's window [px]
 TEXTURE_WINDOW = 9  # side of the window in which texture is measured [px]
@@ -29,8 +31,14 @@ TEXTURE_WINDOW = 9  # side of the window in which texture is measured [px]
 PENALTIES: dict[str, tuple[int, int]] = {"sad": (200, 1600), "ssd": (60, 300), "ncc": (400, 3000)}
 
 
-def check_search(disparities: int | None, block: int) -> None:
-    """Raise ValueError that names the setting that cannot work."""
+def check_search(disparities: int | None, block: int, **other: int) -> None:
+    """Raise ValueError that names the setting that cannot work; `other` settings must be 0 or more."""
+    for name, value in {"disparities": disparities, "block": block, **other}.items():
+        whole = isinstance(value, Integral) and not isinstance(value, bool)
+        if not whole and (name, value) != ("disparities", None):
+            raise ValueError(f"{name} must be a whole number, got {value!r}")
+    if negative := [name for name, value in other.items() if value < 0]:
+        raise ValueError(f"{negative[0]} must be 0 or more, got {other[negative[0]]}")
     if disparities is not None and (disparities < 16 or disparities % 16):
         raise ValueError(f"disparities must be a positive multiple of 16, got {disparities}")
     if block < 1 or block % 2 == 0:
@@ -85,7 +93,7 @@ class SGBM(Matcher):
     disparities: int | None = None
     """Width of the search [px], a multiple of 16 up to 2032; None reaches to 0.84 m with the given rig, or 2032 px."""
     block: int = 3
-    """Side of the matched window [px], odd."""
+    """Side of the matched window [px], odd, up to 11: with larger ones, sums of costs exceed the 16 bits of OpenCV."""
     uniqueness: int = 10
     """Margin by which the best cost has to win [%]."""
     speckle: int = 400
@@ -101,7 +109,9 @@ class SGBM(Matcher):
     """
 
     def __post_init__(self) -> None:
-        check_search(self.disparities, self.block)
+        check_search(self.disparities, self.block, uniqueness=self.uniqueness, speckle=self.speckle)
+        if self.block > SGBM_BLOCK:
+            raise ValueError(f"block must be at most {SGBM_BLOCK}, got {self.block}: OpenCV sums its costs in 16 bits")
         if self.disparities is not None and self.disparities > SGBM_REACH:
             raise ValueError(f"disparities must be at most {SGBM_REACH}, got {self.disparities}")
         if self.directions not in MODES:
@@ -166,7 +176,7 @@ class BlockMatching(Matcher):
             raise ValueError(f"cost must be sad, ssd or ncc, got {self.cost!r}")
         if self.aggregation not in ("wta", "sgm"):
             raise ValueError(f"aggregation must be wta or sgm, got {self.aggregation!r}")
-        check_search(self.disparities, WTA_BLOCK if self.block is None else self.block)
+        check_search(self.disparities, WTA_BLOCK if self.block is None else self.block, speckle=self.speckle)
 
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
         """Return the disparity of matches, as Matcher.match does."""

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from marssim.base.masked import filled
+
 LARGEST_FLOAT = sys.float_info.max
 WIDEST_BASELINE = 10.0  # [m] a larger one is taken for millimetres
 LARGEST_IMAGE = 1 << 16  # [px] width and height
@@ -196,7 +198,7 @@ class StereoRig:
         """Convert disparity of rectified pixels to depth, Z = f B / d.
 
         Args:
-            disparity: (...) [px], x_left - x_right; values <= 0 and NaN mean no match.
+            disparity: (...) [px], x_left - x_right; values <= 0, NaN and masked ones mean no match.
 
         Returns:
             (...) depth [m] along the optical axis; inf where there is no match. Floats keep their precision, integers
@@ -213,8 +215,8 @@ class StereoRig:
             depth: (...) [m] along the optical axis.
 
         Returns:
-            (...) disparity [px], x_left - x_right; 0 where depth is infinite, NaN or <= 0. Floats keep their precision,
-            integers give float64.
+            (...) disparity [px], x_left - x_right; 0 where depth is infinite, NaN, masked or <= 0. Floats keep their
+            precision, integers give float64.
         """
         depth = _floating(depth)
         valid = np.isfinite(depth) & (depth > 0)
@@ -256,10 +258,11 @@ class StereoRig:
     def to_dict(self) -> dict[str, Any]:
         """Return the rig as plain numbers by name, for JSON; from_dict reads them."""
         c = self.camera
-        return {
+        values = {
             "width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy,
             "baseline": self.baseline,
         }  # fmt: skip
+        return {name: v.item() if isinstance(v, np.generic) else v for name, v in values.items()}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StereoRig:
@@ -297,5 +300,5 @@ NATECAM = StereoRig(PinholeCamera.centred(512, 512, 595.90), baseline=0.270)
 
 def _floating(values: np.ndarray) -> np.ndarray:
     """Return values as an array of floats: floats keep their precision, integers become float64."""
-    values = np.asarray(values)
+    values = filled(values)
     return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)

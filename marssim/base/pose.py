@@ -76,13 +76,13 @@ def recorded_pose(value: Any) -> np.ndarray:
 
 
 def rigid_pose(value: Any) -> np.ndarray:
-    """Return a pose, (4, 4), of an array or of lists of numbers.
+    """Return a pose, a new (4, 4) array, of an array or of lists of numbers.
 
     Raises:
         ValueError: It is no rotation and translation. One line that begins with "pose".
     """
     try:
-        pose = np.asarray(value, dtype=float)
+        pose = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         pose = np.zeros(0)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():

@@ -245,7 +245,19 @@ class Sensor:
 
         Returns:
             Two (H, W, 3) uint8 RGB images.
+
+        Raises:
+            ValueError: An array has another shape, or light that is not finite. The message names it.
         """
+        left, right, ground = (
+            _checked_light(left, "left"),
+            _checked_light(right, "right"),
+            np.asarray(ground, dtype=bool),
+        )
+        if not left.shape == right.shape == (*ground.shape, 3):
+            raise ValueError(
+                f"left, right and ground must be of one size, got {left.shape}, {right.shape}, {ground.shape}"
+            )
         if self.dust > 0:
             left, right = (through_dust(light, self.dust, self.seed, eye) for eye, light in enumerate((left, right)))
         gain = self.gain(left, ground) * 2**self.overexposure
@@ -286,8 +298,13 @@ class Sensor:
 
         Returns:
             (H, W, 3) uint8.
+
+        Raises:
+            ValueError: The radiance has another shape, or it or the gain is not finite. The message names it.
         """
-        return self._readout(radiance, gain, rng).codes()
+        if not np.isfinite(gain):
+            raise ValueError(f"gain must be finite, got {gain}")
+        return self._readout(_checked_light(radiance, "radiance"), gain, rng).codes()
 
     def _readout(self, radiance: np.ndarray, gain: float, rng: np.random.Generator, eye: int = 0) -> Readout:
         """Return what the detector of an eye, 0 or 1, holds of a radiance map, with noise that is drawn now."""
@@ -306,3 +323,13 @@ class Sensor:
             vignetting, gain = 0.0, 1.0
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
         return Readout(signal, noise, gain, vignetting, self.full_well, self.read_noise)
+
+
+def _checked_light(radiance: np.ndarray, name: str) -> np.ndarray:
+    """Return a radiance map (H, W, 3) as an array. Raises ValueError, which names it, for another shape, NaN or inf."""
+    light = np.asarray(radiance)
+    if light.ndim != 3 or light.shape[2] != 3:
+        raise ValueError(f"{name} must have shape (H, W, 3), got {light.shape}")
+    if not np.isfinite(light).all():
+        raise ValueError(f"{name} must be finite light")
+    return light

@@ -12,7 +12,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.compute.compiled import compiled, read_only
 from marssim.base.compute.threads import in_threads
 from marssim.base.dataset.frame import GROUND, SKY, StereoFrame
-from marssim.base.pose import rotate
+from marssim.base.pose import rigid_pose, rotate
 from marssim.base.right_image import IDEAL, image_disparity, outside_right
 from marssim.render.antialias import RAYS, average, colours_beside, edge_pixels, subpixel_rays
 from marssim.render.geometry.gbuffer import Footprint, GBuffer, Hits
@@ -49,7 +49,11 @@ def render_stereo(
         rng: Random generator of the detectors' noise.
         rover: (4, 4) body to world of the rover that carries the cameras; None for a scene without it.
         at_once: Render both eyes at once, in two threads, which takes more memory. The frame is the same.
+
+    Raises:
+        ValueError: The pose is no rotation and translation.
     """
+    pose = rigid_pose(pose)
     if rover is not None:
         renderer = WithRover(renderer, RoverBody(rover, pose, rig.baseline), shader.light.sun)
     rotation = sensor.right_rotation(rig.camera)

@@ -15,7 +15,7 @@ import difflib
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -76,6 +76,12 @@ def save_place(place: SceneConfig, path: Path) -> None:
 def _start(content: dict[str, Any]) -> SceneConfig:
     """Return the preset that a file starts from."""
     name = content.get("preset", PRESETS[0])
+    if (
+        isinstance(name, str)
+        and name not in PRESETS
+        and {field.name for field in fields(SceneConfig)} <= content.keys()
+    ):
+        return replace(preset(PRESETS[0]), preset=name)  # a label: save_place wrote all fields
     if name not in PRESETS:
         raise ValueError(f"preset {name!r} is unknown; {_nearest(str(name), PRESETS)}")
     return preset(name)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 Range = tuple[float, float]  # low and high end; equal for a fixed value
 
@@ -15,10 +17,13 @@ def check_ranges(config: object, limits: Mapping[str, Range]) -> None:
         limits: Least and largest value of each field to check, by its name.
 
     Raises:
-        ValueError: The ends of a range lie beyond its limits or come in the wrong order. The message begins with the
-            field's name.
+        ValueError: A value is no range, or its ends lie beyond the limits or come in the wrong order. The message
+            begins with the field's name.
     """
     for name, (least, most) in limits.items():
-        low, high = getattr(config, name)
+        ends = getattr(config, name)
+        if not isinstance(ends, Sequence | np.ndarray) or len(ends) != 2:
+            raise ValueError(f"{name} must be a range LOW HIGH, two equal numbers for a fixed value, got {ends!r}")
+        low, high = ends
         if not least <= low <= high <= most:
             raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")

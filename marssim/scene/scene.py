@@ -141,7 +141,8 @@ def build_scene(
 
     Args:
         config: The place, as `preset("gale")`.
-        rng: A random generator, or the seed of one. The same seed or state gives the same scene.
+        rng: The seed of the scene, or a random generator. Of a generator, its seed and how often it was spawned decide,
+            not the numbers that it has drawn: a scene is made again by a new generator of the same seed.
         clear: Discs (x, y, radius) [m] that stay free of rocks with a diameter of 0.1 m and more, of bedrock, of
             ditches and of fresh craters. A rock or plate counts as the disc of its diameter, so a corner of it may
             reach into a clear disc. Smaller rocks and fragments lie there too.

@@ -20,7 +20,10 @@ import cv2
 import numpy as np
 
 from marssim.base.camera import PinholeCamera, StereoRig
+from marssim.base.command.limits import check_least, check_range, check_whole
 from marssim.base.images.depth_edges import JUMP, depth_edges
+from marssim.base.masked import filled
+from marssim.base.pose import rigid_pose
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
 
@@ -67,6 +70,9 @@ class ElevationConfig:
     """Which hidden ground is a possible drop."""
 
     def __post_init__(self) -> None:
+        check_whole(self, few=0, columns=1)
+        check_range(self, size=(0, 1e5), min_confidence=(0, 1), min_range=(0, 1e4), max_range=(self.min_range, 1e5))
+        check_least(self, sure_alone=0, stands_out=0, ground_reach=0, disparity_sigma=0, edge_jump=0, recentre_at=0)
         if not (self.cell > 0 and self.size >= FEWEST_CELLS * self.cell):
             raise ValueError(f"size must be at least {FEWEST_CELLS} cells, got cell={self.cell}, size={self.size}")
 
@@ -222,8 +228,8 @@ class ElevationMap:
         """Fuse one depth map.
 
         Args:
-            depth: (H, W) depth [m] along the optical axis. inf (sky, far) and NaN (unknown) leave the map as it is;
-                they never make a cell free.
+            depth: (H, W) depth [m] along the optical axis. inf (sky, far) and NaN (unknown), or what a masked array
+                masks, leave the map as it is; they never make a cell free.
             confidence: (H, W) in [0, 1]; None means 1 everywhere.
             rig: The cameras at the size of depth.
             camera_pose: (4, 4) left camera to world.
@@ -233,28 +239,29 @@ class ElevationMap:
                 one sees more of what is near.
 
         Returns:
-            The number of points used.
+            The number of points that were measured well enough. Those beyond the map change nothing.
 
         Raises:
             ValueError: If the shapes of depth, confidence and rig disagree, depth is of integers, confidence exceeds 1,
-                or the height is not above 0.
+                the pose is no rotation and translation, or the height is not above 0.
         """
         if np.asarray(depth).dtype.kind in "iub":
             raise ValueError(
                 f"depth must be metres, as floating point, got {np.asarray(depth).dtype}: "
                 "divide millimetres by 1000, and set unknown depth to NaN"
             )
-        depth = np.asarray(depth, np.float32)
+        depth = filled(depth).astype(np.float32, copy=False)
         camera = rig.camera
         if depth.shape != (camera.height, camera.width):
             raise ValueError(f"depth is {depth.shape}, the rig's camera has {(camera.height, camera.width)} pixels")
-        if confidence is not None and np.shape(confidence) != depth.shape:
-            raise ValueError(f"confidence is {np.shape(confidence)}, depth is {depth.shape}")
+        confidence = None if confidence is None else filled(confidence)
+        if confidence is not None and confidence.shape != depth.shape:
+            raise ValueError(f"confidence is {confidence.shape}, depth is {depth.shape}")
         if confidence is not None and (largest := np.nanmax(confidence, initial=0)) > 1 + 1e-6:
             raise ValueError(f"confidence must lie in [0, 1], its largest value is {largest:g}")
         if not camera_height > 0:
             raise ValueError(f"camera_height must be above 0 m, got {camera_height:g}")
-        pose, valid = np.asarray(camera_pose, float), self._valid(depth, confidence, rig, camera_height)
+        pose, valid = rigid_pose(camera_pose), self._valid(depth, confidence, rig, camera_height)
         points, z, trust, may_show_ground = self._points(depth, valid, confidence, rig, pose, camera_height, shift)
         if z.size:
             self._fuse(points, z, trust, may_show_ground, rig.fb)

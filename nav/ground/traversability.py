@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from marssim.base.command.limits import check_least, check_range
 from marssim.base.images.distance_transform import euclidean_distance
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationMap
@@ -56,6 +57,22 @@ class TraversabilityConfig:
     belongs to the obstacle: its hidden side and its flanks."""
     hiding_width: float = 0.5
     """Unseen patches narrower than this hide no obstacle [m]: rocks are twice as wide as high."""
+
+    def __post_init__(self) -> None:
+        check_range(
+            self, step_free=(0, 100), slope_free_deg=(0, 180), slope_blocked_deg=(0, 180), margin=(0, 100),
+            comfort=(0, 1000), ground_window=(0.01, 1000), footprint_window=(0.01, 1000), hidden_depth=(0, 100),
+            hiding_width=(0, 100),
+        )  # fmt: skip
+        check_least(self, step_cost=0, slope_cost=0, roughness_cost=0, unknown_cost=0, near_cost=0)
+        blocked = (
+            ("step_blocked", self.step_free), ("slope_blocked_deg", self.slope_free_deg), ("roughness_blocked", 0.0),
+        )  # fmt: skip
+        for name, free in blocked:
+            if not getattr(self, name) > free:
+                raise ValueError(
+                    f"{name} must be more than {free:g}, up to which it costs nothing, got {getattr(self, name)}"
+                )
 
 
 @dataclass(frozen=True)

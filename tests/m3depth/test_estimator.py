@@ -102,6 +102,14 @@ def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
     assert arguments == [device] and {p.device.type for p in network.parameters()} == {"meta"}
 
 
+@pytest.mark.parametrize("device", ["gpu", "cuda:0", "CUDA", "mps", None])
+@pytest.mark.parametrize("runtime", ["auto", "pytorch", "openvino"])
+def test_a_device_that_is_unknown_is_named(device, runtime, monkeypatch):
+    monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
+    with pytest.raises(ValueError, match=f"{device}: "):
+        load_estimator("m3depth", device=device, runtime=runtime)
+
+
 def test_a_runtime_of_m3depth_does_not_matter_to_other_networks(tmp_path, monkeypatch):
     network = new_network(TINY["raft-stereo"])
     network.save_pretrained(tmp_path / "raft.safetensors")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral
 
 LARGEST = 1e12  # magnitude of a number of any flag: larger ones overflow somewhere
 LARGEST_INTEGER = (1 << 64) - 1  # magnitude of an integer, as of seeds
@@ -22,6 +23,22 @@ def check_least(config: object, **least: float) -> None:
         value = getattr(config, name)
         if value is not None and not value >= bound:
             raise ValueError(f"{name} must be at least {bound:g}, got {value}")
+
+
+def check_whole(config: object, **least: int) -> None:
+    """Check that fields of a config are whole numbers, and not smaller than their least values.
+
+    Args:
+        config: A dataclass.
+        least: Least value of each field, by the field's name.
+
+    Raises:
+        ValueError: A value is of another type, such as 2.0, or smaller. The message begins with the field's name.
+    """
+    for name, bound in least.items():
+        value = getattr(config, name)
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < bound:
+            raise ValueError(f"{name} must be a whole number of at least {bound}, got {value!r}")
 
 
 def check_range(config: object, **ranges: tuple[float, float]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,7 +71,7 @@ class StereoSample:
 
 
 def write_sample(
-    folder: Path,
+    folder: str | os.PathLike[str],
     frame: StereoFrame,
     meta: dict[str, Any],
     raw: tuple[np.ndarray, np.ndarray] | None = None,
@@ -92,6 +93,7 @@ def write_sample(
     Raises:
         OSError: A file cannot be written. The error names it.
     """
+    folder = Path(folder)
     images = {
         "left.png": frame.left[..., ::-1],
         "right.png": frame.right[..., ::-1],
@@ -137,7 +139,7 @@ def is_complete(folder: Path) -> bool:
     return all(file.is_file() and file.stat().st_size > 0 for file in files)
 
 
-def read_sample(folder: Path) -> StereoSample:
+def read_sample(folder: str | os.PathLike[str]) -> StereoSample:
     """Read a sample.
 
     Args:
@@ -146,6 +148,7 @@ def read_sample(folder: Path) -> StereoSample:
     Raises:
         DatasetError: A file is missing or broken. One line that names it.
     """
+    folder = Path(folder)
     meta = read_json(folder / "sample.json")
     try:
         rig = StereoRig.from_dict(meta["rig"])

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from marssim.base.files.atomic import write_atomically
 
 MOST_LEVELS = 64  # levels of nesting in a file that is read; files of this project have less than ten
@@ -23,7 +25,7 @@ def json_text(content: Any, *, indent: int | None = None, sort_keys: bool = Fals
     """Return strict JSON, which knows no NaN and no infinity: a number that is not finite becomes null.
 
     Args:
-        content: Nested mappings, lists and tuples of JSON's values.
+        content: Nested mappings, lists and tuples of JSON's values; numbers may be of numpy.
         indent: As json.dumps takes it.
         sort_keys: As json.dumps takes it.
         default: As json.dumps takes it.
@@ -59,6 +61,8 @@ def as_json(content: Mapping[str, Any]) -> dict[str, Any]:
 def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
+    if isinstance(value, np.number | np.bool_):
+        return _finite(value.item())
     if isinstance(value, Mapping):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

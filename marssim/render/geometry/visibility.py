@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from marssim.base.compute.compiled import compiled, read_only
+from marssim.base.pose import rigid_pose
 from marssim.render.geometry.disc import disc_share
 from marssim.render.geometry.gbuffer import Footprint, Hits
 from marssim.render.geometry.mesh import SceneMesh, faces_away_from, scene_mesh
@@ -54,6 +55,8 @@ class Visibility:
         return out
 
     def _leaving(self, points: np.ndarray, normals: np.ndarray, view: Projection) -> tuple[np.ndarray, ...]:
+        if points.ndim != 2 or points.shape[1] != 3 or normals.shape != points.shape:
+            raise ValueError(f"points and normals must both have shape (N, 3), got {points.shape} and {normals.shape}")
         return _leaving(
             read_only(points), read_only(normals, np.float32), read_only(self.sun), view.axes, view.shift
         )  # fmt: skip
@@ -74,6 +77,9 @@ class RayQueries:
     ) -> Hits:  # fmt: skip
         """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
         surface = self._open_surface()
+        if rays.ndim != 2 or rays.shape[1] != 3 or not np.isfinite(rays).all():
+            raise ValueError(f"rays must be finite numbers of shape (N, 3), got {rays.shape}")
+        pose = rigid_pose(pose)
         begin = np.zeros(len(rays)) if begin is None else begin.copy()
         unknown = np.flatnonzero(begin == 0)
         begin[unknown] = surface.begins(pose, rays[unknown], self._cap_faces(rays[unknown], pose))

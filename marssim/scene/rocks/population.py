@@ -66,7 +66,7 @@ class RockConfig:
             raise ValueError(f"cluster must lie in [0, 1], got {self.cluster}")
         if not 0.1 <= self.height_ratio <= 1:
             raise ValueError(f"height_ratio must lie in [0.1, 1], got {self.height_ratio}")
-        if not 0 <= self.buried[0] <= self.buried[1] <= 0.75:
+        if len(np.atleast_1d(self.buried)) != 2 or not 0 <= self.buried[0] <= self.buried[1] <= 0.75:
             raise ValueError(f"buried must be a range within [0, 0.75], got {self.buried}")
         shares = self.families
         if len(shares) != len(FAMILIES) or not min(shares) >= 0 or not 0 < sum(shares) < np.inf:

@@ -352,3 +352,9 @@ def test_the_error_on_the_way_is_that_of_the_test_set(on_course, make_scene, mak
     counted = (record.near_ground, record.near_ground_as_sky)
     assert counted == tuple(sum(sky[name] for sky in as_sky) for name in ("ground", "ground_as_sky"))
     assert 0 < counted[1] < counted[0]
+
+
+def test_a_condition_that_the_environment_does_not_have_is_refused(env, small_scene):
+    with pytest.raises(ValueError, match=r"^cell has the condition low_sun, .*MarsNavEnv\(condition='low_sun'\)$"):
+        run_episode(env, Wavering(), Cell(condition="low_sun"), 5, 0)
+    assert run_episode(env, Wavering(), Cell(condition="clear"), 5, 0).cell == "condition=clear"

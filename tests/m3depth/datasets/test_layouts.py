@@ -2,6 +2,7 @@
 
 import io
 import json
+import pickle
 from dataclasses import fields
 from pathlib import Path
 
@@ -737,3 +738,15 @@ def test_a_folder_with_another_name_of_a_split_is_named(tmp_path) -> None:
         open_pairs(tmp_path, "train")
     (tmp_path / "validation").rename(tmp_path / "val")
     assert [len(open_pairs(tmp_path, split)) for split in SPLITS] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("split", ["Test", "training", None, 5])
+def test_a_split_that_is_none_is_named(tmp_path, split) -> None:
+    scene = tmp_path / "Teddy"
+    for name, content in (("im0.png", image()), ("im1.png", image()), ("disp0.pfm", ramp())):
+        put(scene / name, content)
+    put(scene / "calib.txt", MIDDLEBURY_CALIB.format(right=19.5, doffs=0))
+    with pytest.raises(ValueError, match=f"^split {split!r} is unknown; choose from train, val, test, all$"):
+        open_pairs(tmp_path, split)
+    pairs = pickle.loads(pickle.dumps(open_pairs(str(tmp_path), "all")))  # as a DataLoader's workers get them
+    assert [sample.left.shape for sample in pairs[:1]] == [pairs[0].left.shape]

@@ -158,3 +158,19 @@ def test_without_steps_the_first_maps_are_enlarged_and_the_fine_correction_start
     torch.testing.assert_close(out.disparity, interpolate(quarter, (32, 64), mode="bilinear"))
     larger = model(*(interpolate(x, (64, 128), mode="bilinear") for x in (left, right)), 2 * camera, out.start(64, 128))
     assert larger.steps == [] and larger.disparity.shape == (1, 1, 64, 128)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"channels": (16, 48)}, r"^channels must be 3 whole numbers, got \(16, 48\)$"),
+        ({"channels": 16}, "^channels must be 3 whole numbers"),
+        ({"refine_steps": 2.5}, "^refine_steps must be a whole number, got 2.5$"),
+        ({"hypotheses": "24"}, "^hypotheses must be a whole number"),
+        ({"feature_skips": 1}, "^feature_skips must be True or False, got 1$"),
+    ],
+)
+def test_a_size_of_another_kind_is_named(values, message):
+    with pytest.raises(ValueError, match=message):
+        M3DepthConfig(**values)
+    assert M3DepthConfig(channels=[16, 48, 96]) == M3DepthConfig()

@@ -127,8 +127,17 @@ def test_wrong_input_is_refused_by_name():
         for disparities in (100, 0, -16):
             with pytest.raises(ValueError, match="multiple of 16"):
                 matcher(disparities=disparities)
+        for name, value in (("block", 3.0), ("disparities", 64.0), ("speckle", 2.5), ("speckle", True)):
+            with pytest.raises(ValueError, match=f"^{name} must be a whole number, got {value}"):
+                matcher(**{name: value})
+        with pytest.raises(ValueError, match=r"^speckle must be 0 or more, got -1"):
+            matcher(speckle=-1)
     with pytest.raises(ValueError, match="cost"):
         BlockMatching("census")
+    for name, value in (("uniqueness", -5), ("uniqueness", None), ("block", 13)):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            SGBM(**{name: value})
+    assert BlockMatching(block=33).block == 33 and SGBM(block=11).block == 11
 
 
 def test_disparities_that_do_not_fit_into_16_bits_in_sixteenths_are_kept():

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -129,3 +131,12 @@ def test_images_have_whole_numbers_of_pixels():
     assert (type(camera.width), type(camera.height)) == (int, int) and camera.rays().shape == (64, 96, 3)
     with pytest.raises(ValueError, match=r"^width must be a whole number of pixels, got 96\.5$"):
         PinholeCamera(96.5, 64, 50.0, 50.0, 47.5, 31.5)
+
+
+def test_masked_values_are_no_match_and_numbers_of_numpy_are_plain_in_json():
+    values = np.ma.array([10.0, 20.0], mask=[True, False])
+    for masked in (values, values.astype(int)):
+        assert NATECAM.disparity_to_depth(masked) == pytest.approx([np.inf, NATECAM.fb / 20])
+        assert NATECAM.depth_to_disparity(masked) == pytest.approx([0, NATECAM.fb / 20])
+    rig = StereoRig(PinholeCamera.centred(np.int64(64), 64, np.float32(100.0)), np.float64(0.25))
+    assert StereoRig.from_dict(json.loads(json.dumps(rig.to_dict()))) == rig

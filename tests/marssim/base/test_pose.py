@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.base.pose import look_pose, recorded_pose, rotate
+from marssim.base.pose import look_pose, recorded_pose, rigid_pose, rotate
 
 
 @given(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-1, 1))
@@ -54,3 +54,10 @@ def test_a_recorded_pose_comes_back():
 def test_a_pose_that_is_none_is_named(change, message):
     with pytest.raises(ValueError, match=f"^pose must .*{message}"):
         recorded_pose(change(np.eye(4).tolist()))
+
+
+def test_a_checked_pose_is_a_copy():
+    pose = np.eye(4)
+    checked = rigid_pose(pose)
+    pose[0, 3] = 1.0
+    assert checked[0, 3] == 0.0

@@ -346,3 +346,24 @@ def test_impossible_detectors_are_refused(name, value):
 def test_a_value_that_no_detector_has_is_named(name, value):
     with pytest.raises(ValueError, match=rf"^{name} must be finite, and "):
         Sensor(**{"exposure": 0.5, "psf": 0.5, "full_well": 8000, "read_noise": 8, "vignetting": 0, name: value})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_light_that_is_not_finite_or_of_another_shape_is_named(value):
+    light, rng = flat(0.2, 16), np.random.default_rng(0)
+    wrong = light.copy()
+    wrong[3, 4] = value
+    ground = np.ones((16, 16), bool)
+    sensor = Sensor(0.5, 0.5, 1e4, 5.0, 0.1)
+    for left, right, name in ((wrong, light, "left"), (light, wrong, "right")):
+        with pytest.raises(ValueError, match=f"^{name} must be finite light"):
+            sensor.expose_pair(left, right, ground, rng)
+    with pytest.raises(ValueError, match=r"^radiance must be finite light"):
+        sensor.expose(wrong, 1.0, rng)
+    with pytest.raises(ValueError, match=r"^gain must be finite"):
+        sensor.expose(light, value, rng)
+    with pytest.raises(ValueError, match=r"^radiance must have shape \(H, W, 3\), got \(16, 16\)"):
+        sensor.expose(light[..., 0], 1.0, rng)
+    for mask in (ground[:5], np.ones((32, 32), bool)):
+        with pytest.raises(ValueError, match=r"^left, right and ground must be of one size"):
+            sensor.expose_pair(light, light, mask, rng)

@@ -153,3 +153,12 @@ def test_the_rovers_draws_are_not_those_of_a_scene_of_the_same_seed():
     of_rover = [_of_rover(frame).random() for _ in range(8)]
     assert len({*of_scene, *of_rover}) == 16
     assert of_rover[0] == _of_rover(np.random.default_rng(7)).random()
+
+
+def test_a_frame_keeps_the_pose_that_it_was_rendered_from(scene):
+    with SceneRenderer(scene, rig=NATECAM.resized(32, 32)) as renderer:
+        pose = renderer.render(0.0, 0.0, 0.0).pose.copy()
+        frame = renderer.render_from(pose)
+        before = pose.copy()
+        pose[0, 3] += 1.0  # the caller goes on with the array
+    assert np.array_equal(frame.pose, before)

@@ -108,3 +108,9 @@ def test_neither_a_preset_nor_a_file():
         load_place("galle")
     with pytest.raises(ValueError, match=r"^`scene` nowhere\.json: no such file$"):
         load_place("nowhere.json")
+
+
+def test_a_label_of_ones_own_comes_back(tmp_path):
+    place = preset("gale", preset="mine", size=np.float32(40.0))
+    save_place(place, tmp_path / "place.json")
+    assert load_place(str(tmp_path / "place.json")) == place

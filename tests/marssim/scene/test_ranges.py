@@ -40,3 +40,9 @@ def test_a_range_ascends_within_its_limits(first, second):
 def test_every_config_of_ranges_is_checked(config, name):
     with pytest.raises(ValueError, match=rf"^{name} must be a range LOW HIGH within .*, got 0\.5 0\.4"):
         config(**{name: (0.5, 0.4)})
+
+
+@pytest.mark.parametrize("value", [20, 0.5, (1.0,), (1.0, 2.0, 3.0)])
+def test_a_value_that_is_no_range_is_named(value):
+    with pytest.raises(ValueError, match=r"^first must be a range LOW HIGH, two equal numbers for a fixed value, got"):
+        check_ranges(Two(value, (0.0, 0.0)), LIMITS)

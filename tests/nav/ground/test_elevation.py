@@ -354,3 +354,26 @@ def test_measured_heights_of_another_map_replace_assumed_ones():
     elevation.assume_flat(body_pose(0, 0, 0), 2.0)
     elevation.complete(other)
     assert np.nanmin(elevation.top) == pytest.approx(0.3)
+
+
+def test_what_a_masked_array_hides_is_unknown():
+    camera = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    depth = RockWorld().depth(SMALL_RIG, camera)
+    hidden = np.zeros(depth.shape, bool)
+    hidden[:, : depth.shape[1] // 2] = True
+    maps = [ElevationMap(SMALL) for _ in range(5)]
+    confidence = np.ones(depth.shape, np.float32)
+    unsure = np.where(hidden, np.nan, confidence)
+    maps[0].integrate(np.where(hidden, np.nan, depth), None, SMALL_RIG, camera)
+    maps[1].integrate(np.ma.array(depth, mask=hidden), None, SMALL_RIG, camera)
+    maps[2].integrate(depth, np.ma.array(confidence, mask=hidden), SMALL_RIG, camera)
+    assert maps[0].known.any() and np.array_equal(maps[0].top, maps[1].top, equal_nan=True)
+    maps[3].integrate(depth, unsure, SMALL_RIG, camera)
+    assert maps[2].known.any() and np.array_equal(maps[2].top, maps[3].top, equal_nan=True)
+    assert maps[4].integrate(np.ma.array(depth, mask=True), None, SMALL_RIG, camera) == 0
+
+
+@pytest.mark.parametrize("pose", [np.full((4, 4), np.nan), 2 * np.eye(4), np.eye(4)[:3]])
+def test_a_pose_of_the_camera_that_is_none_is_named(pose):
+    with pytest.raises(ValueError, match=r"^pose must be"):
+        ElevationMap(SMALL).integrate(RockWorld().depth(SMALL_RIG, np.eye(4)), None, SMALL_RIG, pose)

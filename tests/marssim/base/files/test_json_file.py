@@ -5,6 +5,7 @@ import math
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from marssim.base.files.json_file import DatasetError, as_json, json_text, read_json, write_json
@@ -62,3 +63,8 @@ def test_a_pipe_that_nobody_writes_to_is_not_waited_for(tmp_path):
     for path in (tmp_path / "pipe.json", Path("/dev/zero")):
         with pytest.raises(DatasetError, match=rf"^{path}: is a pipe or a device, not a file$"):
             read_json(path)
+
+
+def test_numbers_of_numpy_are_numbers():
+    content = {"a": np.int64(2), "b": [np.float32(0.5), np.float64("nan")], "c": np.bool_(True)}
+    assert as_json(content) == json.loads(json_text(content)) == {"a": 2, "b": [0.5, None], "c": True}

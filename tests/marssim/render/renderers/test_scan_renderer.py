@@ -114,3 +114,16 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
     ground = pose[:3, 3] + bare[seen, None] * rays
     assert (ground[:, None, :2] >= corners[..., :2].min(axis=1, keepdims=True) - 1e-3).all(axis=(1, 2)).mean() > 0.98
     assert (ground[:, None, :2] <= corners[..., :2].max(axis=1, keepdims=True) + 1e-3).all(axis=(1, 2)).mean() > 0.98
+
+
+def test_rays_and_points_that_no_query_can_take_are_named(scene, scanner):
+    pose = pose_at(scene, 0.0, 0.0, 1.2, 0.0, 0.3, 0.0)
+    footprint = Footprint.of(PinholeCamera.centred(8, 8, 8.0), pose)
+    for rays in (np.full((10, 3), np.nan), np.ones((4, 2))):
+        with pytest.raises(ValueError, match=r"^rays must be finite numbers of shape"):
+            scanner.trace(rays, pose, footprint)
+    with pytest.raises(ValueError, match=r"^pose must be"):
+        scanner.trace(np.ones((4, 3)), np.full((4, 4), np.nan), footprint)
+    for query in (scanner.lit, scanner.shadow_distance, scanner.sun_share):
+        with pytest.raises(ValueError, match=r"^points and normals must both have shape"):
+            query(np.zeros((10, 3)), np.array([[0.0, 0.0, 1.0]]))
