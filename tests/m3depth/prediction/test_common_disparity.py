@@ -98,3 +98,14 @@ def test_far_ground_is_far_whatever_the_calibration_says_of_the_principal_points
     options = PredictOptions((Path("l.png"), Path("r.png")), Path("out"), unchecked=True)
     pair = prepare(left, right, calibration, options, ("left", "right"))
     assert pair.common + pair.moved == 40.0 and 25 < pair.common <= 30
+
+
+def test_a_mask_of_the_right_image_counts_where_the_match_lies():
+    noise = np.random.default_rng(0).integers(0, 256, (80, 400), dtype=np.uint8)
+    noise = cv2.GaussianBlur(noise, (3, 3), 0)
+    left, right = noise[:, :300].copy(), noise[:, 30:330].copy()  # disparity 30 everywhere
+    right[20:60, 140:200] = left[20:60, 100:160]  # but -40 on a patch
+    shown = np.ones(left.shape, bool)
+    shown[10:70, 130:210] = False
+    assert taken_out(60.0, left, right) < 60
+    assert taken_out(60.0, left, right, (None, shown)) == 60

@@ -40,3 +40,9 @@ def test_clouds_are_sorted_in_rarely_however_many_there_are(monkeypatch):
     assert len(merged) < 12
     keys = {tuple(key) for points in clouds for key in np.floor((points - np.floor(clouds[0][0] / 0.1) * 0.1) / 0.1)}
     assert len(cloud.result()[0]) == len(keys)
+
+
+def test_colours_of_a_cube_are_rounded():
+    points = np.full((3, 3), 0.01)
+    colours = np.array([[0, 0, 255], [1, 0, 255], [1, 1, 254]], np.uint8)
+    assert fuse([(points, colours)], 0.05).result()[1].tolist() == [[1, 0, 255]]

@@ -6,6 +6,7 @@ from turned_pairs import RIG, H, W, slope, turned
 from m3depth.predict import predict
 from m3depth.prediction.masks import (
     is_valid_mask,
+    moved_mask,
     read_valid,
     seen_by_mask,
     unknown_where,
@@ -127,3 +128,11 @@ def test_beyond_the_border_of_a_right_image_that_was_moved_there_is_no_match_to_
     right[:, 0] = False  # the border, which a move to the right repeats
     hidden = ~seen_by_mask(flat(), right, -4.0)
     assert np.flatnonzero(hidden[1]).tolist() == [4 + 3]
+
+
+def test_a_mask_that_moves_by_a_part_of_a_pixel_lets_nothing_of_the_hidden_part_through():
+    valid = np.ones((4, 30), bool)
+    valid[:, 10:20] = False
+    for shift in (2.3, 2.0, -2.3):
+        hidden = np.arange(30) + shift  # column of the given image that each column of the moved one shows
+        assert np.array_equal(~moved_mask(valid, shift)[1], (hidden >= 9.5) & (hidden < 19.5))

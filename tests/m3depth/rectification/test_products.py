@@ -43,3 +43,13 @@ def test_a_constant_far_below_all_values_leaves_their_type(tmp_path, monkeypatch
     pixels, valid = read(tmp_path / "left.IMG", b"-2147483648")
     assert pixels.dtype == np.uint16 and pixels.max() == 9
     np.testing.assert_array_equal(valid, wide > 0)
+
+
+def test_a_pixel_of_a_colour_image_holds_data_unless_all_its_bands_are_missing(tmp_path, monkeypatch):
+    values = np.full((4, 100, 3), 7, np.uint8)
+    values[0, 0], values[0, 1] = 0, (0, 5, 9)  # nothing, and a colour without red
+    path = tmp_path / "left.IMG"
+    path.write_bytes(img_bytes(cahvore_pair().left, values[..., 0]))
+    monkeypatch.setattr("m3depth.rectification.products._read", lambda path: values)
+    _, valid = read_product(path, read_label(path))
+    assert not valid[0, 0] and valid.sum() == valid.size - 1

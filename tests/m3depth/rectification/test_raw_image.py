@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from m3depth.prediction.masks import read_valid
-from m3depth.rectification.raw_image import RawImage, _in_16_bits, masked, read_raw_pair
+from m3depth.rectification.raw_image import RawImage, _in_16_bits, for_matching, masked, read_raw_pair
 
 
 @pytest.mark.parametrize("white", [np.uint8(1), np.uint16(1), np.uint16(65535)])
@@ -40,3 +40,10 @@ def test_pixels_without_data_do_not_set_the_black_and_white_of_floats():
     for image in _in_16_bits(*(RawImage(Path(f"{eye}.png"), pixels, valid) for eye in ("left", "right"))):
         low, high = pixels[valid].min(), pixels.max()
         np.testing.assert_allclose(image.pixels[valid], (pixels[valid] - low) / (high - low) * 65000, atol=1)
+
+
+def test_what_holds_no_data_does_not_take_contrast_from_the_rest():
+    pixels = np.zeros((40, 60), np.uint16)
+    pixels[:, 30:] = np.random.default_rng(0).integers(1000, 1100, (40, 30))
+    shown = for_matching(pixels, pixels > 0)[:, 30:]
+    assert shown.min() == 0 and shown.max() == 255 and 100 < np.median(shown) < 155

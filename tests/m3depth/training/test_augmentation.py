@@ -5,8 +5,9 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from plane_pairs import plane_sample
 
-from m3depth.training.augmentation import AugmentConfig, augment, resized
+from m3depth.training.augmentation import AugmentConfig, augment, random_crop, resized
 from m3depth.training.packing import pack
 
 OFF = AugmentConfig(
@@ -147,3 +148,12 @@ def test_resizing_invents_no_disparity_between_two_surfaces(plane_samples) -> No
     packed = pack(replace(sample, depth=sample.rig.disparity_to_depth(disparity), disparity=disparity))
     larger = resized(packed, (round(1.25 * height), round(1.25 * width)))
     assert set(np.unique(larger.disparity)) == {25, 75}
+
+
+@pytest.mark.parametrize("size", [(16, 96), (64, 32), (64, 96)])
+def test_crops_as_wide_or_as_high_as_the_image_fit_into_it(size):
+    packed = pack(plane_sample(0))
+    assert packed.left.shape[:2] == (64, 96)
+    for seed in range(12):
+        part = random_crop(packed, size, AugmentConfig(scale=0.5), np.random.default_rng(seed))
+        assert part.left.shape[:2] == size and part.camera[0] >= packed.camera[0] * 0.999

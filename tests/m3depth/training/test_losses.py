@@ -1,3 +1,6 @@
+from math import log
+from types import SimpleNamespace
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -5,6 +8,7 @@ from hypothesis import strategies as st
 from plane_target import CAMERA, make_target, plane, random_holes, with_holes
 from small_network import SMALL
 
+from m3depth.network.geometry import pixel_rays, unit
 from m3depth.network.model import M3Depth
 from m3depth.network.output import StereoOutput
 from m3depth.training.batch import Target, disparity_edges, reduce_target, whole_batch
@@ -13,8 +17,10 @@ from m3depth.training.loss_config import LossConfig
 from m3depth.training.losses import (
     consistency_loss,
     consistency_residual,
+    disparity_loss,
     huber,
     pixel_weights,
+    sky_loss,
     total_loss,
     trained_maps,
     weighted_mean,
@@ -318,3 +324,28 @@ def test_a_slope_that_no_normals_explain_costs_the_same_on_every_grid(cell: int)
     output = true_but_on_one_grid(target, cell, target.disparity + 0.2 * torch.arange(96))
     cost = total_loss(output, target, LossConfig(decay=0.5, initial=0.5, consistent_steps=1))[1]["consistency"]
     assert float(cost) == pytest.approx(0.5 * (0.2 - 0.05 / 2), rel=1e-3)  # Huber's, over 0.05
+
+
+def test_grazing_is_an_angle_to_the_ray_also_at_the_border_of_a_wide_view():
+    camera = torch.tensor([[10.0, 10.0, 11.5, 7.5]], dtype=torch.float64)
+    ray = unit(pixel_rays(camera, 16, 24))
+    beside = unit(torch.stack([-ray[:, 1], ray[:, 0], torch.zeros_like(ray[:, 0])], 1) + 1e-9)
+    for sine, is_usable in ((0.055, True), (0.045, False)):
+        normal = beside * (1 - sine**2) ** 0.5 - ray * sine
+        usable = consistency_residual(torch.ones_like(ray[:, :1]), normal, camera)[1]
+        assert (usable[..., 1:-1, 1:-1] == is_usable).all()
+
+
+def test_disparities_under_a_pixel_weigh_no_more_than_one_of_a_pixel():
+    target = make_target()
+    for true in (0.2, 1.0):
+        there = target._replace(disparity=torch.full_like(target.disparity, true))
+        loss = disparity_loss(there.disparity + 2, there, torch.ones_like(there.disparity), LossConfig(relative=4.0))
+        assert float(loss) == pytest.approx(1.75 * (1 + 4), rel=1e-5)
+
+
+def test_pixels_without_weight_do_not_count_in_the_loss_of_the_sky():
+    target = make_target()
+    logit, weight = torch.zeros_like(target.disparity), torch.ones_like(target.disparity)
+    logit[..., :12], weight[..., :12] = 9.0, 0.0  # the rover, say, that is taken for sky
+    assert float(sky_loss(SimpleNamespace(sky=logit), target, weight)) == pytest.approx(log(2), rel=1e-5)

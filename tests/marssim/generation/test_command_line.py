@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.generation.command_line import command_flags
-from marssim.generation.config import GenerateConfig, parse_generate
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
+from marssim.generation.command_line import _rig, command_flags
+from marssim.generation.config import GenerateConfig, RigOptions, parse_generate
 from marssim.scene.presets import PRESETS, preset
 
 
@@ -105,3 +105,9 @@ def test_a_flag_replaces_the_heightmap_of_a_place_file(tmp_path):
     assert own.heightmap_sha256 != other.heightmap_sha256
     with pytest.raises(ValueError, match="its SHA-256 is"):
         asked(*here, "--relief.heightmap-sha256", "0" * 64)
+
+
+def test_a_default_height_of_pixels_is_a_flag_where_the_width_is_none():
+    rig = RigOptions(focal=700.0, focal_y=NATECAM.camera.fy).rig()
+    flags = {name.removeprefix("rig."): value for name, value in _rig(rig).items()}
+    assert RigOptions(**flags).rig() == rig

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from marssim.base.camera import NATECAM
+from marssim.base.camera import NATECAM, PinholeCamera, StereoRig
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.images.colours import depth_colours
 from marssim.generation import contact_sheet as module
@@ -123,3 +123,15 @@ def test_depths_under_a_metre_get_a_scale_of_their_own(monkeypatch):
 def test_no_samples_make_no_sheet():
     with pytest.raises(ValueError, match="at least one"):
         contact_sheet([], [])
+
+
+def test_a_sheet_of_all_pairs_is_not_called_a_part(monkeypatch):
+    flat, image = np.full((6, 8), 5, np.float32), np.zeros((6, 8, 3), np.uint8)
+    rig = StereoRig(PinholeCamera.centred(8, 6, 9.0), 0.2)
+    sample = StereoSample(image, image, flat, flat, image.astype(np.float32), flat > 0, flat < 0, flat * 0, rig, {})
+    written, write = [], module._write
+    monkeypatch.setattr(module, "_write", lambda image, text, *rest: written.append(text) or write(image, text, *rest))
+    for total, is_part in ((3, True), (2, False), (None, False)):
+        written.clear()
+        module.contact_sheet([sample] * 2, ["0/0", "0/1"], total=total)
+        assert any("pairs" in text for text in written) == is_part

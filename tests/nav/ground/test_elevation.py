@@ -377,3 +377,40 @@ def test_what_a_masked_array_hides_is_unknown():
 def test_a_pose_of_the_camera_that_is_none_is_named(pose):
     with pytest.raises(ValueError, match=r"^pose must be"):
         ElevationMap(SMALL).integrate(RockWorld().depth(SMALL_RIG, np.eye(4)), None, SMALL_RIG, pose)
+
+
+def test_a_look_from_afar_leaves_the_weight_of_near_ones_and_looks_saturate_at_four():
+    elevation, cell = ElevationMap(ElevationConfig(size=4.0)), np.array([7])
+    weights = []
+    for gain in (100.0, 1.0, 100.0, 100.0, 100.0, 100.0):
+        elevation._blend(cell, np.zeros(1), np.zeros(1), np.array([gain]))
+        weights.append(float(elevation.weight.ravel()[7]))
+    assert weights == [100, 100, 200, 300, 400, 400]
+
+
+@pytest.mark.parametrize(("columns", "is_marked"), [([4], False), ([4, 4, 4], False), ([4, 8], True)])
+def test_two_image_columns_have_to_show_the_drop_of_a_cell(monkeypatch, columns, is_marked):
+    places = np.tile([0.55, 0.35], (len(columns), 1))
+    monkeypatch.setattr("nav.ground.elevation.hidden_drops", lambda *_: (places, np.array(columns)))
+    elevation = ElevationMap(ElevationConfig(size=4.0))
+    elevation._mark_drops(np.zeros((1, 1)), np.zeros((1, 1), bool), NATECAM, np.eye(4))
+    assert elevation.hidden_drop[23, 25] == is_marked and elevation.hidden_drop.sum() == is_marked
+
+
+def test_ground_that_another_map_only_assumes_is_not_taken_from_it():
+    config = ElevationConfig(size=4.0)
+    other, here = ElevationMap(config), ElevationMap(config)
+    other.assume_flat(np.eye(4), 1.0)
+    other.top[20, 5], other.low[20, 5], other.weight[20, 5] = 0.3, 0.2, 8.0
+    here.complete(other)
+    assert other.known.sum() > 100 and np.argwhere(here.known).tolist() == [[20, 5]]
+    assert np.array_equal(here.from_prior, here.known)
+
+
+@pytest.mark.parametrize(("points", "top"), [(3, 0.08), (4, 0.0), (5, 0.0)])
+def test_the_highest_of_four_points_or_more_is_not_used(points, top):
+    elevation = ElevationMap(ElevationConfig(size=4.0))
+    places = np.full((points, 3), [0.05, 0.05, 0.0])
+    places[-1, 2] = 0.08
+    elevation._fuse(places, np.full(points, 2.0), np.ones(points), np.ones(points, bool), 100.0)
+    assert elevation.top[20, 20] == pytest.approx(top, abs=1e-3)

@@ -332,3 +332,12 @@ def test_json_is_replaced_in_one_step(tmp_path):
     with pytest.raises(TypeError):
         write_json(file, {"b": object()})
     assert read_json(file) == {"b": 2}
+
+
+@pytest.mark.parametrize("name", ["sample.json", *IMAGES])
+def test_a_sample_with_an_empty_file_is_not_complete(tmp_path, name):
+    for each in ("sample.json", *IMAGES):
+        (tmp_path / each).write_bytes(b"x")
+    assert is_complete(tmp_path)
+    (tmp_path / name).write_bytes(b"")  # as after a power loss
+    assert not is_complete(tmp_path)

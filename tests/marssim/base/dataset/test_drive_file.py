@@ -171,3 +171,8 @@ def test_heights_come_back_within_a_centimetre_and_unknown_ones_stay_unknown():
     back = height_of(height_codes(heights))
     np.testing.assert_allclose(back[0], heights[0], atol=0.0101)
     assert np.isnan(back[1, 0]) and back[1, 1] == pytest.approx(650) and back[1, 2] < 656  # beyond, the highest code
+
+
+def test_the_largest_errors_are_not_taken_for_pixels_without_one():
+    truth, scored = np.full(4, 10.0), np.array([True, True, True, False])
+    assert error_codes(np.array([0.5, 2.0, 900.0, 2.0]), truth, scored).tolist() == [1, 1, 255, 0]

@@ -54,3 +54,11 @@ def test_a_broken_file_is_named(tmp_path, form):
     path.write_bytes(b"nothing")
     with pytest.raises(ValueError, match=rf"depth\.{form}: is not a map of depth"):
         read_map_file(path, "depth")
+
+
+def test_no_confidence_is_a_confidence_of_zero_in_every_type(tmp_path):
+    given = np.array([[0.0, 0.25], [1.0, 0.0]], np.float32)
+    for form in MAP_FORMATS:
+        path = tmp_path / f"confidence.{form}"
+        path.write_bytes(encode_map(given, "confidence", form))
+        np.testing.assert_allclose(read_map_file(path, "confidence"), given, atol=1e-5)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.sample import StereoSample, read_sample
-from marssim.base.images.pointcloud import coloured_points, encode_glb, encode_ply, surface_mesh
+from marssim.base.images.pointcloud import CUT, coloured_points, encode_glb, encode_ply, surface_mesh
 from marssim.base.pose import look_pose
 
 HEIGHT, PITCH, BOARD_Z = 1.2, np.deg2rad(12), 3.0  # of conftest.py
@@ -93,3 +94,19 @@ def test_without_points_the_cloud_is_empty_and_there_is_no_mesh(sample):
     assert empty.endswith(b"end_header\n") and trimesh.load(io.BytesIO(empty), file_type="ply").is_empty
     with pytest.raises(ValueError, match="triangle"):
         encode_glb(none, none.astype(int), none)
+
+
+def test_the_farther_corner_says_how_large_a_step_is_no_edge():
+    camera = PinholeCamera.centred(2, 2, 80.0)
+    normal = np.broadcast_to([0.0, 0, -1], (2, 2, 3))
+    nearer = CUT / 80
+    for step, faces in ((1.02 * nearer, 2), (1.06 * nearer, 0)):  # the limit is 1.039 times as much at the other depth
+        depth = np.array([[1, 1 + step], [1, 1 + step]])
+        assert len(surface_mesh(depth, normal, camera, 10.0)[1]) == faces
+        assert len(surface_mesh(depth[:, ::-1], normal, camera, 10.0)[1]) == faces
+
+
+def test_points_far_to_the_west_keep_their_millimetres():
+    for place in (9000.001, -9000.001):
+        data = encode_ply(np.array([[place, 0.0, -1.0]]), np.zeros((1, 3), np.uint8))
+        assert b"property double x" in data and np.frombuffer(data.partition(b"end_header\n")[2][:8])[0] == place
