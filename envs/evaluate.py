@@ -358,7 +358,8 @@ def _step_lines(config: EvaluateConfig, task: Task) -> Watch:
 
 def _drives_done(config: EvaluateConfig) -> str:
     """Return how many drives are finished, as a worker sees it from the files."""
-    done = sum((config.out / "episodes" / task.file).is_file() for task in config.tasks)
+    files = config.out / "episodes"
+    done = sum((files / task.file).is_file() and not _lacks_drive(config, task) for task in config.tasks)
     return f"{done} of {counted(len(config.tasks), 'drive')} done"
 
 

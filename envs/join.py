@@ -98,7 +98,8 @@ def join(config: JoinConfig) -> dict[str, Any]:
         joined = _evaluation(contents, config.out, config.scene)
         joined = joined if config.suite is None else replace(joined, suite=config.suite)
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
-        raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error})") from None
+        elsewhere = "; give its place with --scene" if "no such file" in str(error) else ""
+        raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error}{elsewhere})") from None
     if joined.with_true_pixels() != joined:
         true = next(
             f for f, c in zip(config.shards, contents, strict=True) if GROUND_TRUTH in c["config"]["perception"]

@@ -50,6 +50,7 @@ from nav.ground.map_files import BLOCKED, MOST_CELLS, RESULT, UNKNOWN, layers, w
 from nav.ground.traversability import Traversability, TraversabilityConfig, assess
 
 RECORD = "prediction.json"  # of m3depth.predict, beside the maps of a pair
+OF_MANY = "predictions.json"  # of m3depth.predict, beside the folders of many pairs
 MOSTLY = 0.9  # share of the depth that lies beyond the range from which on the map has a warning
 LEAST_CONFIDENCE = ElevationConfig.min_confidence
 LEAST_HEIGHT = 0.05  # [m] of a camera over the ground; from less, or from below, it sees something else
@@ -165,6 +166,9 @@ def find_pairs(data: Path) -> list[PredictedPair]:
     if not files:
         raise DatasetError(f"{data}: holds no {RECORD}; give a folder that m3depth.predict wrote")
     records = [(file, read_json(file)) for file in files]
+    of_all = read_json(data / OF_MANY).get("pairs") if (data / OF_MANY).is_file() else None
+    if isinstance(of_all, int) and len(records) < of_all:
+        print(f"note: {data} holds {len(records)} of {of_all} pairs, and the map lacks the others", file=sys.stderr)
     worlds = sorted({str(record.get("world")) for _, record in records})
     if len(worlds) > 1:
         raise DatasetError(
@@ -294,7 +298,7 @@ def _work(options: MapOptions) -> None:
     pairs = find_pairs(options.data)
     folder = ResultFolder(options.out, "map")
     folder.check()
-    if (options.out / RECORD).is_file() or (options.out / "predictions.json").is_file():
+    if (options.out / RECORD).is_file() or (options.out / OF_MANY).is_file():
         raise DatasetError(f"--out {options.out}: holds predictions; choose another")
     for flag, value, given in (
         ("--epsg", options.epsg, options.epsg is not None),

@@ -143,7 +143,8 @@ def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
                 pan = 0.0 if mount is None else CameraMount.of_left_eye(mount, sample.rig.baseline)[1]
             except ValueError as error:
                 raise DatasetError(f"{file}: {error}") from None
-            yield Frame(sample.depth, None, sample.rig, pose, pan, (sample.left, sample.right), time)
+            depth = np.where(sample.rock < 0, np.float32(np.nan), sample.depth)  # the rover is no ground
+            yield Frame(depth, None, sample.rig, pose, pan, (sample.left, sample.right), time)
 
 
 def write_look(bag: StereoBagWriter, frame: Frame, navigator: Navigator, command: Command) -> None:

@@ -71,6 +71,12 @@ def partners(
         yield path, *(files[key] for files in others)
 
 
+def numbers_by_value(files: tuple[Path, ...]) -> list[str | int]:
+    """Return what sorts files that belong together by the path of the first, with frame_9 before frame_10."""
+    parts = re.split(r"([0-9]+)", files[0].as_posix())
+    return [int(part) if n % 2 else part for n, part in enumerate(parts)]
+
+
 def warn_of_lone_rights(
     root: Path, left: str, right: str, left_out: Callable[[Path], bool] = lambda path: False
 ) -> None:
@@ -160,7 +166,7 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
     if not file.is_file():
         raise DatasetError(f"{file}: no such list")
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise DatasetError(f"{file}: is not a text file") from None
     rows = []

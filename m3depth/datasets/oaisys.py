@@ -75,7 +75,7 @@ def oaisys_rig(path: Path, config: DataConfig) -> Calibration | None:
         DatasetError: The sensors are not a rectified pair, or lack something; the message names the file.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
         params = [sensor["sensorParams"] for sensor in data["SENSOR_SETUP"]["SENSORS"]]
         sensors = {str(sensor["outputBaseName"]): sensor for sensor in params}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):

@@ -60,7 +60,7 @@ def read_config(path: Path) -> NetworkConfig:
     """
     check_file(path)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:  # no JSON, no text, or nested too deeply for the reader
         raise ValueError(f"{path}: not readable as JSON ({error})") from None
     if not isinstance(data, dict):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from m3depth.estimator import Estimator
+from m3depth.estimator import Estimator, EstimatorName
 from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
@@ -77,17 +77,20 @@ class Batch:
 def batch_folder(options: PredictOptions, inputs: Inputs, estimator: Estimator | None = None) -> ResultFolder:
     """Return the folder of many pairs, which only the same settings and the same method continue."""
     method = method_record(options, estimator)
+    is_of_weights = estimator is None and EstimatorName(method["estimator"]).weights is not None
+    of_files = "weights" if is_of_weights else "Files of the method"
     settings = {
         **{name: _plain(value) for name, value in vars(options).items() if name not in NOT_SETTINGS},
         **vars(options.raw),
-        "estimator": method["estimator"], "weights": method.get("sha256"), "runtime": method.get("runtime"),
+        "estimator": method["estimator"], of_files: method.get("sha256"), "runtime": method.get("runtime"),
         **inputs.state(),
         "Code": source_digest(("marssim", "m3depth")),
     }  # fmt: skip
     digests = ("images", "calibration, masks and poses")
     return ResultFolder(
-        options.out, "prediction", MARK, settings, digests=digests, has_results=_has_results, partial=(f"**/{PARTIAL}",)
-    )
+        options.out, "prediction", MARK, settings, digests=digests, has_results=_has_results,
+        partial=(f"**/{PARTIAL}",), notes=("pairs",),
+    )  # fmt: skip
 
 
 def _has_results(folder: Path) -> bool:
@@ -230,7 +233,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator |
         raise ValueError("--cloud-frame world needs poses: give --poses")
     is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
     method = None if is_whole else Method.of(options, estimator)
-    with folder.claim(), stop_on_signal() as signals:
+    with folder.claim(pairs=len(inputs.pairs)), stop_on_signal() as signals:
         try:
             batch = _predict_remaining(options, inputs, method, signals)
             if not (batch.done or signals):

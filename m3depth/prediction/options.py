@@ -78,8 +78,9 @@ class PredictOptions:
     """Mask of all left images, or of both eyes: an image file whose pixels of 0 become unknown, such as those of the
     rover itself. The NAME_valid.png that m3depth.rectify writes beside NAME.png are taken in any case."""
     poses: Path | None = None
-    """File of the left camera's poses, camera to world, with a line for each pair: twelve numbers, the rows of [R t]
-    (KITTI), or eight, time, position and quaternion x y z w (TUM). Of raw images, they are those of the raw camera.
+    """File of the left camera's poses, camera to world, with a line for each pair, in their order: twelve numbers,
+    the rows of [R t] (KITTI), or eight, time, position and quaternion x y z w (TUM). Of raw images, they are those of
+    the raw camera.
     Datasets of marssim have poses of their own."""
     pose_axes: Literal["z-up", "camera"] = "z-up"
     """Axes of the world of --poses: z-up, or camera: those of the first left camera (x right, y down, z forward), as

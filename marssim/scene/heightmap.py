@@ -65,7 +65,8 @@ class HeightMap:
         if room.min() < 0:
             raise ValueError(
                 f"{self.name}: covers {nx * self.cell:g} x {ny * self.cell:g} m, too small for the scene of "
-                f"{2 * half:g} x {2 * half:g} m; choose a smaller `horizon` or another file"
+                f"{2 * half:g} x {2 * half:g} m; choose a smaller horizon (--horizon, or that of a place file), or "
+                "another file"
             )
         if 2 * reach < LEAST_CELLS:
             raise ValueError(

@@ -383,3 +383,13 @@ def test_what_cannot_become_a_map_is_one_line(tmp_path, capsys, case, message):
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
     assert case == "out" or not out.exists()
+
+
+def test_a_prediction_that_was_interrupted_makes_a_map_with_a_note(tmp_path, capsys):
+    for name in "bc":
+        write_pair(tmp_path / "drive" / name, float(ord(name)))
+    for of_all, note in ((3, True), (2, False)):
+        (tmp_path / "drive/predictions.json").write_text(json.dumps({"pairs": of_all}))
+        assert main([str(tmp_path / "drive"), "--out", str(tmp_path / "map")]) == 0
+        expected = f"note: {tmp_path / 'drive'} holds 2 of 3 pairs, and the map lacks the others\n"
+        assert capsys.readouterr().err == (expected if note else "")

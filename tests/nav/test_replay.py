@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from recorded_drives import drive_of, look_pictures, pose_rows
@@ -407,3 +408,14 @@ def test_a_goal_lies_ahead_and_to_the_left_of_the_first_image():
     ahead, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
     goal = command._world(Frame(None, None, SMALL_RIG, eye), (5.0, 2.0))
     assert goal == pytest.approx(eye[:2, 3] + 5 * ahead + 2 * left)
+
+
+def test_the_rover_in_view_is_no_ground(folder, tmp_path):
+    """A deck that is seen at the lower border would be an obstacle right before the rover."""
+    shutil.copytree(folder, tmp_path / "deck")
+    for file in (tmp_path / "deck").rglob("surface.png"):
+        surface = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        surface[-40:] = 65535
+        cv2.imwrite(str(file), surface)
+    (frame, *_), (plain, *_) = (list(recorded(StereoDataset(place), 0)) for place in (tmp_path / "deck", folder))
+    assert np.isnan(frame.depth[-40:]).all() and np.array_equal(frame.depth[:-40], plain.depth[:-40])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.datasets.config import DataConfig
-from m3depth.datasets.folders import partners, read_list, warn_of_lone_rights
+from m3depth.datasets.folders import numbers_by_value, partners, read_list, warn_of_lone_rights
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.open import PairList, detect, open_pairs, sensors_are_named
 from m3depth.datasets.rigs import NATECAM_NAME, FileRig
@@ -303,7 +303,7 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
             break
         fixed = fixed / part
     warn_of_lone_rights(root, patterns[0], patterns[1], is_valid_mask)
-    for left, right in partners(root, patterns, left_out=is_valid_mask):
+    for left, right in sorted(partners(root, patterns, left_out=is_valid_mask), key=numbers_by_value):
         name = left.relative_to(fixed).with_suffix("").as_posix()
         yield _with_calibration(PairInput(name, left, right), root / "calib.txt")
 

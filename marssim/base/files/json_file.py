@@ -98,7 +98,7 @@ def parse_json(data: bytes, name: object) -> dict[str, Any]:
         DatasetError: It holds no JSON object. One line that begins with the name.
     """
     try:
-        content = json.loads(data.decode("utf-8"), parse_int=_integer)
+        content = json.loads(data.decode("utf-8-sig"), parse_int=_integer)
     except ValueError as error:  # not UTF-8, or not JSON
         raise DatasetError(f"{name}: is not JSON: {error}") from None
     except RecursionError:

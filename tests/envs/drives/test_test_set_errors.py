@@ -53,6 +53,12 @@ def test_other_files_are_named(tmp_path, content):
         errors_on_test_set([tmp_path / "nowhere.json"], {"sgbm": None})
 
 
+def test_scores_without_true_depth_are_told_as_such(tmp_path):
+    (tmp_path / "x.json").write_text(json.dumps({"methods": {"SGBM": {"left_right": 99.0, "residual": 0.2}}}))
+    with pytest.raises(DatasetError, match=r"x\.json: scores pairs without true depth, so it has no error of depth$"):
+        errors_on_test_set([tmp_path / "x.json"], {"sgbm": None})
+
+
 def test_the_digest_is_the_files(tmp_path):
     file = tmp_path / "w.safetensors"
     file.write_bytes(b"weights")

@@ -21,7 +21,7 @@ from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.overview import shortened, write_sheet
 from m3depth.prediction.sources import inputs
 from m3depth.stereo.classical import SGBM
-from marssim.base.files.json_file import DatasetError
+from marssim.base.files.json_file import DatasetError, read_json
 
 COUNT = 4
 
@@ -82,6 +82,18 @@ def test_a_folder_is_continued_with_the_same_class_alone(folder, tmp_path):
     with pytest.raises(DatasetError, match="estimator"):
         predict(options(folder, tmp_path), Counted())
     assert Counted.calls == 0
+    assert read_json(tmp_path / "predictions.json")["pairs"] == 4
+
+
+def test_changed_files_of_a_class_are_told_as_such(folder, tmp_path, monkeypatch):
+    module = tmp_path / "my_method.py"
+    module.write_text("from m3depth.stereo.classical import SGBM as Net\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    flags = {"estimator": "my_method:Net", "write": ("depth",)}
+    predict(options(folder, tmp_path / "out", **flags))
+    module.write_text(module.read_text() + "# another state\n")
+    with pytest.raises(DatasetError, match=r"other settings \(Files of the method [0-9a-f.]+, not [0-9a-f.]+\)"):
+        predict(options(folder, tmp_path / "out", **flags))
 
 
 def test_a_folder_of_another_network_is_not_continued_in_another_precision(folder, tmp_path, monkeypatch):

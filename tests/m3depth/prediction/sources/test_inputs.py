@@ -336,3 +336,19 @@ def test_right_images_without_a_left_one_are_told(tmp_path, capsys):
     image(tmp_path / "c_R.png")
     find(tmp_path, **patterns)
     assert capsys.readouterr().err.endswith(" and is left out, as 1 more\n")
+
+
+def test_pairs_of_patterns_come_in_the_order_of_their_numbers(tmp_path):
+    for number in (8, 9, 10, 100, 11):
+        for eye in ("left", "right"):
+            image(tmp_path / f"{eye}/frame_{number}.png")
+    (tmp_path / "poses.txt").write_text("".join(f"{n} {n} 0 0 0 0 0 1\n" for n in range(5)))
+    pairs = find(tmp_path, left="left/*.png", right="right/*.png", poses=tmp_path / "poses.txt").pairs
+    assert [pair.name for pair in pairs] == [f"frame_{number}" for number in (8, 9, 10, 11, 100)]
+    assert [pair.pose[0, 3] for pair in pairs] == [0, 1, 2, 3, 4]
+
+
+def test_a_list_with_a_mark_of_its_encoding_is_read(tmp_path):
+    pair = [image(tmp_path / f"{eye}.png") for eye in "ab"]
+    (tmp_path / "list.txt").write_text("a.png b.png\n", encoding="utf-8-sig")
+    assert [p.left for p in find(tmp_path / "list.txt").pairs] == pair[:1]

@@ -68,3 +68,8 @@ def test_a_pipe_that_nobody_writes_to_is_not_waited_for(tmp_path):
 def test_numbers_of_numpy_are_numbers():
     content = {"a": np.int64(2), "b": [np.float32(0.5), np.float64("nan")], "c": np.bool_(True)}
     assert as_json(content) == json.loads(json_text(content)) == {"a": 2, "b": [0.5, None], "c": True}
+
+
+def test_a_mark_of_the_encoding_is_no_fault(tmp_path):
+    (tmp_path / "a.json").write_text('{"a": 1}', encoding="utf-8-sig")
+    assert read_json(tmp_path / "a.json") == {"a": 1}
