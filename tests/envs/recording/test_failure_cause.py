@@ -176,3 +176,14 @@ def test_the_room_of_a_place_is_its_distance_from_the_footprint_as_the_rover_is_
     # the discs of the footprint reach 8 cm beyond its ends, and 6 cm beyond its sides
     beyond = np.array([ZHURONG.length / 2 + 0.08, ZHURONG.width / 2 + 0.06, ZHURONG.width / 2 + 0.06])
     assert room == pytest.approx(2.0 - beyond, abs=0.04)
+
+
+def test_the_map_of_true_depth_follows_the_rover():
+    env = SimpleNamespace(gaze=SimpleNamespace(pan=0.0, fresh=True), sight=SimpleNamespace(rig=SMALL_RIG))
+    beside = TrueDepthMap(Navigator(ZHURONG, SMALL))
+    for x in np.arange(0.0, 32.0, 2.0):
+        env.believed_pose = body_pose(x, 0.0, 0.0)
+        env.sight.true_depth = PLAIN.depth(SMALL_RIG, env.believed_pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+        beside.see(env)
+        column, row = beside._map.cell_of(np.array([x + 4.0, 0.0]))
+        assert beside._map.known[row - 2 : row + 3, column - 2 : column + 3].any()

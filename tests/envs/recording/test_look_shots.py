@@ -150,3 +150,11 @@ def test_a_browser_draws_the_look_behind_the_course_and_its_errors(path, browser
         wait_until(lambda: pixels_like((120, 120, 120)) > 500)  # the colour of the image
         page._colour.value = "error"
         wait_until(lambda: pixels_like(NO_ERROR) > 600)  # about 300 are of letters
+
+
+def test_a_chosen_motion_after_a_turn_in_place_begins_in_the_turned_direction(path, tmp_path):
+    turned = step(**SECOND, looked=True, candidates=candidates((0.0, np.pi / 2, 4.0, 9.0)), chosen=0)
+    pictures = {**look_pictures(1, np.full((8, 8), 3.0)), **map_pictures(1, 2)}
+    drive_of(tmp_path / "b.zip", [step(), turned, step(x=9.0, outcome="goal")], pictures)
+    (line,) = (line for line in look_shots(RECORD, tmp_path / "b.zip")[0].load().lines if line.name == "Chosen motion")
+    assert np.allclose(line.points[[0, -1], :2], [[1, 0], [1, 4]], atol=1e-3)

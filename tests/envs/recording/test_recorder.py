@@ -4,13 +4,17 @@ import zipfile
 import cv2
 import numpy as np
 import pytest
+from rock_world import body_pose
 
 from envs.drivers.builtin import StraightDriver
 from envs.drivers.driver import Stop
 from envs.drives.episodes import Cell, run_episode
-from envs.recording.recorder import THUMBNAIL, Recorder
+from envs.recording.recorder import THUMBNAIL, Recorder, _reduced_map, _sampled
 from envs.world.eyes import EyesConfig
+from marssim.base.camera import NATECAM
 from marssim.base.dataset.drive_file import MAP_CODES
+from nav.ground.elevation import ElevationConfig
+from nav.navigator import Navigator, NavigatorConfig
 from nav.replay import area_of, driven, replay
 
 
@@ -111,3 +115,19 @@ def test_a_recorded_drive_can_be_replayed(arrival):
     assert [c.status for c in commands[:-1]] == [s["status"] for s in drive.steps[:-1]]
     speeds = [s["command"]["speed"] for s in drive.steps[:-1]]
     np.testing.assert_allclose([c.speed for c in commands[:-1]], speeds, atol=0.05)
+
+
+@pytest.mark.parametrize("width", [40, 192, 1024])
+def test_the_kept_pixels_have_their_own_rays(width):
+    rig = NATECAM.resized(width, width)
+    part, kept = _sampled(rig)
+    np.testing.assert_allclose(kept.camera.rays(), rig.camera.rays()[part], atol=1e-12)
+
+
+def test_the_kept_map_lies_around_the_place_that_is_asked_for():
+    navigator = Navigator(config=NavigatorConfig(elevation=ElevationConfig(size=24.0)))
+    unseen = np.full((48, 48), np.nan)
+    navigator.step(unseen, None, NATECAM.resized(48, 48), body_pose(0, 0, 0), np.array([8.0, 0.0]))
+    place = _reduced_map(navigator, np.array([3.0, -2.0]))[1]
+    half = place["cells"] * place["cell"] / 2
+    assert np.allclose([place["west"] + half, place["south"] + half], [3, -2], atol=place["cell"])

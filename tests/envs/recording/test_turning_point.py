@@ -30,6 +30,8 @@ def test_of_another_driver_it_is_where_the_clearance_begins_to_fall_for_good(tmp
 def test_an_arrival_is_decided_where_the_rover_turns_to_the_goal_for_good(tmp_path):
     steps = [step(x=x) for x in (0.0, 1.0, 0.5, 0.5, 2.0, 8.1)]
     assert turning_point(drive_of(tmp_path / "a.zip", steps))[0] == 2
+    steps = [step(x=x) for x in (0.0, 1.0, 0.99, 4.0, 8.1)]  # it moves 1 cm away as it turns in place
+    assert turning_point(drive_of(tmp_path / "a.zip", steps))[0] == 0
 
 
 @pytest.mark.parametrize(("outcome", "number"), [("time", 2), ("stuck", 2), ("out_of_bounds", 2), ("no_path", 3)])
