@@ -13,10 +13,11 @@ from envs.drives.episodes import EpisodeRecord
 from envs.drives.shots import course_shots
 from envs.recording.code_colours import NO_ERROR, UNKNOWN, code_colours
 from envs.recording.look_shots import look_shots
-from marssim.base.dataset.drive_file import MAP_CODES, height_codes, picture_name
+from marssim.base.dataset.drive_file import FULL_COST, MAP_CODES, height_codes, picture_name
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.png import encode_png
 from marssim.base.rover_spec import ZHURONG
+from nav.ground.map_files import COSTLY
 
 RECORD = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1", episode=3, outcome="goal", steps=2, distance=0.5,
@@ -158,3 +159,11 @@ def test_a_chosen_motion_after_a_turn_in_place_begins_in_the_turned_direction(pa
     drive_of(tmp_path / "b.zip", [step(), turned, step(x=9.0, outcome="goal")], pictures)
     (line,) = (line for line in look_shots(RECORD, tmp_path / "b.zip")[0].load().lines if line.name == "Chosen motion")
     assert np.allclose(line.points[[0, -1], :2], [[1, 0], [1, 4]], atol=1e-3)
+
+
+def test_ground_that_costs_as_much_as_maps_call_costly_has_the_full_colour_of_it():
+    free, costly = MAP_CODES["free"], MAP_CODES["costly"]
+    colours = code_colours()["map"].astype(int)
+    at = int(np.ceil(free + (costly - free) * COSTLY / FULL_COST))
+    assert at < costly and (colours[at : costly + 1] == colours[costly]).all()
+    assert (np.abs(np.diff(colours[free : at + 1], axis=0)).max(axis=1) > 0).all()

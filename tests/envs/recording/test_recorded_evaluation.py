@@ -14,7 +14,7 @@ from envs.drives.config import EvaluateConfig
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.metrics import paired_difference, summarise
 from envs.evaluate import evaluate
-from envs.recording.results_page import write_results_page
+from envs.recording.results_page import FILMED, _files, write_results_page
 from envs.world.eyes import EyesConfig
 from marssim.base.dataset.drive_file import read_drive
 
@@ -167,3 +167,12 @@ def test_a_drive_that_is_driven_again_to_be_recorded_keeps_its_film_and_bag(reco
     evaluate(config)
     assert film.read_text() == bag.read_text() == "old" and len(list((config.out / "drives").iterdir())) == 2
     assert len(json.loads((config.out / "videos.json").read_text())) == 2
+
+
+def test_films_of_an_earlier_run_are_not_linked(tmp_path):
+    ends = {"best.mp4": "a.json", "worst.mp4": "b.json"}
+    (tmp_path / FILMED).write_text(json.dumps({"best.mp4": "a.json", "worst.mp4": "c.json"}))
+    for name in ends:
+        (tmp_path / name).touch()
+    links = _files(tmp_path, ends)
+    assert 'href="best.mp4"' in links and "worst.mp4" not in links
