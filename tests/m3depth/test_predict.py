@@ -225,6 +225,21 @@ def test_a_right_image_that_is_moved_to_the_right_begins_that_much_later(tmp_pat
     assert begins == [6] and np.isnan(predicted.depth[:, : 6 + 3]).all() and np.isfinite(predicted.depth[30, 40])
 
 
+def test_a_mask_of_a_right_image_that_is_moved_moves_with_it(tmp_path):
+    """The eyes of the given images are 10 px apart, and the right one is moved by 6 px to the right."""
+    pair = textured_pair(tmp_path, 10)
+    (tmp_path / "calib.txt").write_text(
+        "cam0=[100 0 30; 0 110 20; 0 0 1]\ndoffs=-6\nbaseline=550\nwidth=90\nheight=60\n"
+    )
+    shown = np.full((60, 90), 255, np.uint8)
+    hidden = shown.copy()
+    hidden[:, 40:50] = 0
+    masks = (write(tmp_path / "shown.png", shown), write(tmp_path / "hidden.png", hidden))
+    flags = {"focal": None, "baseline": None, "calib": (tmp_path / "calib.txt",), "mask": masks}
+    unknown = np.isnan(predict(options(pair, tmp_path, **flags), SGBM()).depth)[30, 30:80]
+    assert np.flatnonzero(unknown).tolist() == list(range(20, 30))
+
+
 def test_natecam_by_name_and_a_flag_that_replaces_its_value(tmp_path):
     """As in training: 595.9 px at 512, so 69.8 px at 60."""
     wall = np.random.default_rng(4).integers(0, 255, (60, 90), dtype=np.uint8)

@@ -4,10 +4,11 @@ import re
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from recorded_drives import candidates, content, drive_of, pose_rows, step
 
-from envs.recording.drive_page import drive_page, page_script, write_drive_pages
+from envs.recording.drive_page import FAR, NEAR, _depth_bytes, drive_page, page_script, write_drive_pages
 from envs.report import main as report_command
 from marssim.base.dataset.drive_file import encode_drive, read_drive
 from marssim.base.files.json_file import DatasetError
@@ -338,3 +339,15 @@ def test_a_drive_without_map_and_looks_has_a_page_too(tmp_path):
     (shown,) = data_of(drive_page([drive_of(tmp_path / "a.zip", steps, outcome="time")]))["drives"]
     assert shown["summary"].startswith("It ran out of time after 0.1 m and 2 s, 8.9 m from the goal.")
     assert shown["pictures"]["left"] == shown["pictures"]["map"] == [None, None]
+
+
+def test_depth_beyond_the_scale_is_not_its_far_end():
+    depth = np.array([[np.nan, NEAR / 2, NEAR, 0.999 * FAR, FAR, np.inf]])
+    assert _depth_bytes(depth).tolist() == [[0, 1, 1, 254, 255, 255]]
+
+
+@pytest.mark.parametrize(("outcome", "contact", "told"), [("tilt", "chassis", True), ("tilt", "none", False)])
+def test_a_contact_is_told_however_the_drive_ended(tmp_path, outcome, contact, told):
+    drive = drive_of(tmp_path / "a.zip", [step(), step(x=1.0, contact=contact, outcome=outcome)], outcome=outcome)
+    (shown,) = data_of(drive_page([drive]))["drives"]
+    assert ("The rover touched it with" in shown["summary"]) == told

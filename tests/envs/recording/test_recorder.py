@@ -12,7 +12,7 @@ from envs.drives.episodes import Cell, run_episode
 from envs.recording.recorder import THUMBNAIL, Recorder, _reduced_map, _sampled
 from envs.world.eyes import EyesConfig
 from marssim.base.camera import NATECAM
-from marssim.base.dataset.drive_file import MAP_CODES
+from marssim.base.dataset.drive_file import MAP_CODES, height_codes
 from nav.ground.elevation import ElevationConfig
 from nav.navigator import Navigator, NavigatorConfig
 from nav.replay import area_of, driven, replay
@@ -128,6 +128,7 @@ def test_the_kept_map_lies_around_the_place_that_is_asked_for():
     navigator = Navigator(config=NavigatorConfig(elevation=ElevationConfig(size=24.0)))
     unseen = np.full((48, 48), np.nan)
     navigator.step(unseen, None, NATECAM.resized(48, 48), body_pose(0, 0, 0), np.array([8.0, 0.0]))
-    place = _reduced_map(navigator, np.array([3.0, -2.0]))[1]
+    pictures, place = _reduced_map(navigator, np.array([3.0, -2.0]))
+    assert navigator.map.known.any() and (pictures["height"] == height_codes(np.array(np.nan))).all()  # only assumed
     half = place["cells"] * place["cell"] / 2
     assert np.allclose([place["west"] + half, place["south"] + half], [3, -2], atol=place["cell"])
