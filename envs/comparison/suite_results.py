@@ -88,6 +88,8 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
     path = results_file(path)
     content = read_json(path)
     if fault := first_fault(content, results_schema()):
+        if "suite" not in content:
+            fault = "the file has no suite; to compare drives without --suite, name all methods in one envs.evaluate"
         raise DatasetError(f"{path}: {fault}")
     head = content["suite"]
     if suite is None and head["name"] not in packaged_suites():
