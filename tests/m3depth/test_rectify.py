@@ -234,6 +234,7 @@ def test_products_without_the_extra(tmp_path, products, capsys, monkeypatch):
     [
         (["--focal", "-3"], "--focal must be positive"),
         (["--size", "2", "2"], "--size must be 16 to 16384 px"),
+        (["--size", "480", "2"], "--size must be 16 to 16384 px, got 480 2"),
         (["--shift", "nan"], "--shift must be a finite number"),
         (["--calib", "a", "b", "c"], "--calib c: a pair has two calibration files at most"),
         (["--mask", "a", "b", "c"], "--mask c: a pair has two masks at most"),

@@ -53,6 +53,8 @@ def test_the_report_gives_a_common_disparity_back_in_depth_and_in_the_rig_file()
     assert report["depth_of_matches_m"]["percentile_50"] == pytest.approx(40 * 0.4 / 3, abs=1e-3)
     assert report["disparity_of_matches_px"]["percentile_50"] == -2 and report["common_disparity_taken_out_px"] == 5
     assert rig_dict(shifted)["shift"] == 5
+    converging = replace(shifted, cameras=raw_pairs.opencv_pair(vergence_deg=9))
+    assert make_report(image, image, converging, "none")["vergence_deg"] == pytest.approx(9, abs=0.1)
 
 
 def test_colours_are_written_in_their_order(tmp_path):
