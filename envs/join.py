@@ -98,7 +98,8 @@ def join(config: JoinConfig) -> dict[str, Any]:
         joined = _evaluation(contents, config.out, config.scene)
         joined = joined if config.suite is None else replace(joined, suite=config.suite)
     except (TypeError, AttributeError, ValueError) as error:  # values of other types, or out of range
-        elsewhere = "; give its place with --scene" if "no such file" in str(error) else ""
+        is_place = config.scene is None and str(error).startswith("`scene`") and "no such file" in str(error)
+        elsewhere = "; give its place with --scene" if is_place else ""
         raise DatasetError(f"{first / RESULTS}: {NO_SETTINGS} ({error}{elsewhere})") from None
     if joined.with_true_pixels() != joined:
         true = next(

@@ -233,7 +233,7 @@ def load_estimator(
         FileNotFoundError: The weights are missing; the message names the file.
         ImportError: OpenVINO or mccnn is asked for and not installed; the message names the extra.
     """
-    check_runtime(runtime)
+    check_runtime(runtime, device)
     if not isinstance(spec, str):
         if not isinstance(spec, Estimator) or isinstance(spec, type):
             raise ValueError(f"{role} {spec!r} has no method infer(left, right, rig)")
@@ -352,7 +352,6 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
 
 
 def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estimator:
-    check_runtime(runtime)
     chosen = "pytorch" if is_other_network(f"{M3DEPTH}:{weights}") else chosen_runtime(runtime, device)
     with named_by(role):
         check_weights_file(weights)  # before torch is imported

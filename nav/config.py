@@ -86,7 +86,7 @@ class NavigatorConfig:
             self, least_points=0, max_recoveries=0, closed_steps=0, risk_after=0, risk_after_recoveries=0, risk_steps=0,
             slip_steps=0,
         )  # fmt: skip
-        if not 4 * self.planner.coarse * self.elevation.cell <= self.elevation.size:
+        if not 4 * self.planner.coarse * self.elevation.cell <= (1 + 1e-9) * self.elevation.size:
             raise ValueError(
                 f"planner.coarse must be at most a quarter of the map's cells, got {self.planner.coarse}, of "
                 f"{self.elevation.cell:g} m in {self.elevation.size:g} m"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from time import perf_counter
@@ -13,7 +13,6 @@ import numpy as np
 from envs.courses.course import series_seed
 from envs.drivers.driver import Driver, Stop
 from envs.mars_nav import MarsNavEnv
-from envs.suites.conditions import CONDITIONS
 from envs.world.action import ActionError
 from envs.world.look_scores import GroundAsSky, RockErrors, is_blind, look_abs_rel, look_ground_as_sky, look_rock_errors
 from envs.world.user_code import UserCodeError, code_digest, errors_of
@@ -226,7 +225,7 @@ def run_episode(
         The record.
 
     Raises:
-        ValueError: If the cell names a condition, and the environment was made without any.
+        ValueError: If the cell names a condition, and the environment was made with another or without any.
         ActionError: If the driver returns neither an action nor a Stop; the message names the driver.
         UserCodeError: If a driver or a perception of the user raises an exception; the message names step and course.
     """
@@ -304,16 +303,26 @@ def _sums(names: Sequence[str], looks: Sequence[tuple[int, ...]]) -> dict[str, i
     return {name: sum(numbers) for name, numbers in zip(names, columns, strict=True)} if looks else {}
 
 
+def _check_condition(cell: Cell, driven: str | Mapping[str, Any]) -> None:
+    """Raise ValueError if the name of a cell's condition cannot be that of what the environment drives.
+
+    Values without a name may be those of any condition, since suites have conditions of their own.
+    """
+    fits = cell.condition == driven if isinstance(driven, str) else driven or cell.condition == "clear"
+    if cell.condition is not None and not fits:
+        has = f"the condition {driven}" if driven else "none"
+        raise ValueError(
+            f"cell has the condition {cell.condition}, and the environment has {has}; make it by "
+            f"MarsNavEnv(condition={cell.condition!r})"
+        )
+
+
 def _drive(
     env: MarsNavEnv, driver: Driver, cell: Cell, options: dict[str, Any], log: _Log, watch: Watch | None
 ) -> None:
     observation, info = env.reset(seed=options["scene_seed"], options=options)
     assert env.settings is not None
-    if CONDITIONS.get(cell.condition or "") and not env.settings.condition:
-        raise ValueError(
-            f"cell has the condition {cell.condition}, and the environment has none; make it by "
-            f"MarsNavEnv(condition={cell.condition!r})"
-        )
+    _check_condition(cell, env.settings.condition)
     with errors_of(driver):
         driver.reset(env, options["scene_seed"])
     log.start_distance = info["distance"]

@@ -32,7 +32,7 @@ def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | No
             columns = _scored(content)
         except (KeyError, TypeError, AttributeError, ValueError):
             methods = content.get("methods")
-            if isinstance(methods, dict) and any("residual" in each for each in methods.values()):
+            if isinstance(methods, dict) and any(isinstance(m, dict) and "residual" in m for m in methods.values()):
                 raise DatasetError(f"{file}: scores pairs without true depth, so it has no error of depth") from None
             raise DatasetError(f"{file}: is no results.json of m3depth.evaluate") from None
         errors = {

@@ -72,8 +72,11 @@ def partners(
 
 
 def numbers_by_value(files: tuple[Path, ...]) -> list[str | int]:
-    """Return what sorts files that belong together by the path of the first, with frame_9 before frame_10."""
-    parts = re.split(r"([0-9]+)", files[0].as_posix())
+    """Return what sorts files that belong together by the path of the first, with frame_9 before frame_10.
+
+    Decimals stay in the order of their digits: 12.05 before 12.1.
+    """
+    parts = re.split(r"((?<![0-9]\.)(?<![0-9])[0-9]+)", files[0].as_posix())
     return [int(part) if n % 2 else part for n, part in enumerate(parts)]
 
 
@@ -94,7 +97,7 @@ def warn_of_lone_rights(
     lefts = matches(root, left)
     lone = [path for key, path in matches(root, right).items() if key not in lefts and not left_out(path)]
     if lone:
-        others = f", as {len(lone) - 1} more" if len(lone) > 1 else ""
+        others = f", like {len(lone) - 1} more" if len(lone) > 1 else ""
         print(f"warning: {lone[0]}: has no left image in {root / left} and is left out{others}", file=sys.stderr)
 
 

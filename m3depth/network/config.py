@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from m3depth.weights.config_json import checked_fields
 
 # Fields that may be 0, which leaves out the part that they size.
@@ -150,13 +152,14 @@ class M3DepthConfig:
 
 def _of_kind(name: str, value: Any, default: Any) -> Any:
     """Return the value of a field, a list as a tuple. Raises ValueError, which names it, for one unlike the default."""
-    values = tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
-    parts = values if isinstance(default, tuple) else (values,)
-    wanted = default if isinstance(default, tuple) else (default,)
-    if not isinstance(parts, tuple) or [type(part) for part in parts] != [type(part) for part in wanted]:
-        number = f"{len(wanted)} whole numbers" if isinstance(default, tuple) else "a whole number"
+    is_list = isinstance(default, tuple)
+    parts = tuple(value) if is_list and isinstance(value, list | tuple) else (value,)
+    parts = tuple(part.item() if isinstance(part, np.generic) else part for part in parts)
+    wanted = default if is_list else (default,)
+    if [type(part) for part in parts] != [type(part) for part in wanted]:
+        number = f"{len(wanted)} whole numbers" if is_list else "a whole number"
         raise ValueError(f"{name} must be {'True or False' if isinstance(default, bool) else number}, got {value!r}")
-    return values
+    return parts if is_list else parts[0]
 
 
 PLAIN_UPSAMPLING: dict[str, Any] = {"refine_steps": 0, "lookup_levels": 0, "convex_upsampling": False, "fine_width": 0}

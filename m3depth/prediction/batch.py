@@ -244,6 +244,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator |
             raise
         if signals:
             raise KeyboardInterrupt
+        folder.note(pairs=len(batch.done) + len(batch.skipped))  # a video may end before its header says
         _write_overview(options, inputs, batch)
     return batch
 

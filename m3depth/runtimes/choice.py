@@ -18,6 +18,7 @@ _M3DEPTH = "m3depth"  # its name, and its kind in files of weights
 RuntimeName = Literal["pytorch", "openvino"]
 RuntimeChoice = Literal["auto", "pytorch", "openvino"]
 RUNTIMES: tuple[RuntimeChoice, ...] = ("auto", "pytorch", "openvino")
+DEVICES = ("auto", "cpu", "cuda")
 PACKAGES: dict[RuntimeName, str] = {"pytorch": "torch", "openvino": "openvino"}  # by the name of the runtime
 AND = " + "  # between the runtimes of M3Depth and of other networks, where they differ
 
@@ -34,10 +35,10 @@ def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
         ImportError: OpenVINO is wanted and not installed; the message names the extra.
         ValueError: The name is unknown, OpenVINO is wanted on a GPU, or cuda without a GPU.
     """
-    check_runtime(wanted)
+    check_runtime(wanted, device)
     if wanted == "openvino":
-        if device not in ("auto", "cpu"):
-            raise ValueError(f"`runtime` openvino runs on the CPU, not on {device}: choose the device cpu, or pytorch")
+        if device == "cuda":
+            raise ValueError("`runtime` openvino runs on the CPU, not on cuda: choose the device cpu, or pytorch")
         if not openvino_is_installed():
             raise ImportError("`runtime` openvino: it is not installed; pip install 'mars-m3depth[fast]'")
         return "openvino"
@@ -48,8 +49,10 @@ def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
     return "openvino" if chosen_device(device).type == "cpu" else "pytorch"
 
 
-def check_runtime(wanted: str) -> None:
-    """Raise ValueError if there is no runtime of this name."""
+def check_runtime(wanted: str, device: str = "auto") -> None:
+    """Raise ValueError if there is no runtime, or no device, of this name."""
+    if device not in DEVICES:
+        raise ValueError(f"--device {device}: is unknown; choose from {', '.join(DEVICES)}")
     if wanted not in RUNTIMES:
         raise ValueError(f"`runtime` {wanted!r} is unknown; choose from {', '.join(RUNTIMES)}")
 

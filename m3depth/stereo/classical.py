@@ -23,7 +23,7 @@ from m3depth.stereo.window_costs import Cost, semi_global, window_costs, winners
 from marssim.base.camera import StereoRig
 
 MODES = {5: cv2.StereoSGBM_MODE_SGBM, 8: cv2.StereoSGBM_MODE_HH}  # of OpenCV, by the number of directions
-SGBM_BLOCK = 11  # [px] largest window; of 21 px, a quarter of the matches along 8 directions are lost
+SGBM_BLOCK = 15  # [px] largest window; of 21 px, up to all matches along 8 directions are lost
 SGBM_REACH = 2032  # [px] largest search of OpenCV, which keeps 16 times the disparity in 16 bits
 WTA_BLOCK, SGM_BLOCK = 9, 5  # default side of BlockMatching's window [px]
 TEXTURE_WINDOW = 9  # side of the window in which texture is measured [px]
@@ -93,7 +93,7 @@ class SGBM(Matcher):
     disparities: int | None = None
     """Width of the search [px], a multiple of 16 up to 2032; None reaches to 0.84 m with the given rig, or 2032 px."""
     block: int = 3
-    """Side of the matched window [px], odd, up to 11: with larger ones, sums of costs exceed the 16 bits of OpenCV."""
+    """Side of the matched window [px], odd, up to 15: larger ones lose matches, since OpenCV sums costs in 16 bits."""
     uniqueness: int = 10
     """Margin by which the best cost has to win [%]."""
     speckle: int = 400
@@ -111,7 +111,8 @@ class SGBM(Matcher):
     def __post_init__(self) -> None:
         check_search(self.disparities, self.block, uniqueness=self.uniqueness, speckle=self.speckle)
         if self.block > SGBM_BLOCK:
-            raise ValueError(f"block must be at most {SGBM_BLOCK}, got {self.block}: OpenCV sums its costs in 16 bits")
+            reason = "larger ones lose matches, since OpenCV sums costs in 16 bits"
+            raise ValueError(f"block must be at most {SGBM_BLOCK}, got {self.block}: {reason}")
         if self.disparities is not None and self.disparities > SGBM_REACH:
             raise ValueError(f"disparities must be at most {SGBM_REACH}, got {self.disparities}")
         if self.directions not in MODES:

@@ -71,8 +71,9 @@ class ElevationConfig:
 
     def __post_init__(self) -> None:
         check_whole(self, few=0, columns=1)
-        check_range(self, size=(0, 1e5), min_confidence=(0, 1), min_range=(0, 1e4), max_range=(self.min_range, 1e5))
-        check_least(self, sure_alone=0, stands_out=0, ground_reach=0, disparity_sigma=0, edge_jump=0, recentre_at=0)
+        check_range(self, size=(0, 1e5), min_confidence=(0, 1), min_range=(0, 1e4))
+        check_least(self, max_range=self.min_range, sure_alone=0, stands_out=0, ground_reach=0)
+        check_least(self, disparity_sigma=0, edge_jump=0, recentre_at=0)
         if not (self.cell > 0 and self.size >= FEWEST_CELLS * self.cell):
             raise ValueError(f"size must be at least {FEWEST_CELLS} cells, got cell={self.cell}, size={self.size}")
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from marssim.base.camera import StereoRig
+from marssim.base.command.limits import check_least, check_range
 
 LOOK_BACK = np.linspace(0.2, 2.0, 10)  # [m] before an edge, where the ground is looked up
 LATER, EARLIER = np.triu_indices(len(LOOK_BACK), 1)  # the pairs of these places
@@ -38,6 +39,10 @@ class HiddenDropConfig:
     skipped_rows: float = 1 / 64
     """Most image rows without valid depth between both sides of a gap, as a share of the image: depth is uncertain at
     an edge."""
+
+    def __post_init__(self) -> None:
+        check_range(self, sight_deg=(0, 90), skipped_rows=(0, 1))
+        check_least(self, least_gap=0, least_drop=0, reach=0)
 
 
 def hidden_drops(

@@ -106,8 +106,9 @@ def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
 @pytest.mark.parametrize("runtime", ["auto", "pytorch", "openvino"])
 def test_a_device_that_is_unknown_is_named(device, runtime, monkeypatch):
     monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
-    with pytest.raises(ValueError, match=f"{device}: "):
-        load_estimator("m3depth", device=device, runtime=runtime)
+    for method in ("m3depth", "sgbm"):
+        with pytest.raises(ValueError, match=f"^--device {device}: is unknown; choose from auto, cpu, cuda$"):
+            load_estimator(method, device=device, runtime=runtime)
 
 
 def test_a_runtime_of_m3depth_does_not_matter_to_other_networks(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import pytest
 from marssim.base.camera import NATECAM
 from nav.config import NavigatorConfig, RiskLevel
 from nav.ground.elevation import ElevationConfig
+from nav.ground.hidden_drops import HiddenDropConfig
 from nav.ground.traversability import TraversabilityConfig
 from nav.navigator import Navigator
 from nav.path.planner_config import PlannerConfig
@@ -38,12 +39,19 @@ from nav.path.planner_config import PlannerConfig
         (ElevationConfig, {"columns": 0}, "^columns must be a whole number of at least 1"),
         (ElevationConfig, {"size": float("inf")}, "^size must lie in"),
         (ElevationConfig, {"min_confidence": 1.5}, "^min_confidence must lie in"),
-        (ElevationConfig, {"max_range": 0.4}, "^max_range must lie in"),
+        (ElevationConfig, {"max_range": 0.4}, "^max_range must be at least 0.5"),
+        (ElevationConfig, {"max_range": float("nan")}, "^max_range must be at least 0.5"),
+        (HiddenDropConfig, {"least_drop": -1.0}, "^least_drop must be at least 0, got -1"),
     ],
 )
 def test_a_setting_that_cannot_work_is_named(config, values, message):
     with pytest.raises(ValueError, match=message):
         config(**values)
+
+
+def test_limits_themselves_are_allowed():
+    assert ElevationConfig(max_range=np.inf).max_range == np.inf
+    NavigatorConfig(elevation=ElevationConfig(cell=0.05, size=1.4), planner=PlannerConfig(coarse=7))
 
 
 def test_the_coarsest_distance_field_that_is_allowed_works():

@@ -93,9 +93,10 @@ def note_rig_beside(options: PredictOptions, image: Path) -> None:
     beside = rig_beside(image)
     asked = options.focal is not None and None in (options.cx, options.cy)
     if asked and not options.calib and beside.is_file() and not beside.with_name(REPORT).is_file():
+        baseline = "" if options.baseline is not None else "the baseline, "
         print(
-            f"note: {beside}, which lies beside the images, gives what the flags do not: the principal point, and the "
-            "shift of cameras that converge",
+            f"note: {beside}, which lies beside the images, gives what the flags do not: {baseline}the principal "
+            "point, and the shift of cameras that converge",
             file=sys.stderr,
         )
 

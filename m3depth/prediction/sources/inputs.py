@@ -276,7 +276,8 @@ def _without_layout(options: PredictOptions) -> Inputs | None:
     if (source / "left.png").is_file() and (source / "right.png").is_file():
         return Inputs((PairInput("", source / "left.png", source / "right.png"),), single=True)
     if options.format == "auto" and any(source.glob(f"*/{RIG_FILE}")) and any(source.glob("*/left.png")):
-        pairs = (PairInput(a.parent.name, a, b) for a, b in partners(source, ("*/left.png", "*/right.png")))
+        found = sorted(partners(source, ("*/left.png", "*/right.png")), key=numbers_by_value)
+        pairs = (PairInput(a.parent.name, a, b) for a, b in found)
         return Inputs(tuple(_numbered(pairs)))
     if options.format == "auto" and (products := find_products(source)):
         return Inputs(tuple(_numbered(PairInput(left.stem, left, right) for left, right in products)))

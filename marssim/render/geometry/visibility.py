@@ -55,8 +55,11 @@ class Visibility:
         return out
 
     def _leaving(self, points: np.ndarray, normals: np.ndarray, view: Projection) -> tuple[np.ndarray, ...]:
+        points, normals = np.asarray(points), np.asarray(normals)
         if points.ndim != 2 or points.shape[1] != 3 or normals.shape != points.shape:
             raise ValueError(f"points and normals must both have shape (N, 3), got {points.shape} and {normals.shape}")
+        if not np.isfinite(points).all():
+            raise ValueError("points must be finite numbers")
         return _leaving(
             read_only(points), read_only(normals, np.float32), read_only(self.sun), view.axes, view.shift
         )  # fmt: skip
@@ -77,10 +80,7 @@ class RayQueries:
     ) -> Hits:  # fmt: skip
         """Return what rays (N, 3) of z = 1 hit; see `Renderer.trace`."""
         surface = self._open_surface()
-        if rays.ndim != 2 or rays.shape[1] != 3 or not np.isfinite(rays).all():
-            raise ValueError(f"rays must be finite numbers of shape (N, 3), got {rays.shape}")
-        pose = rigid_pose(pose)
-        begin = np.zeros(len(rays)) if begin is None else begin.copy()
+        rays, pose, begin = _checked(rays, pose, begin)
         unknown = np.flatnonzero(begin == 0)
         begin[unknown] = surface.begins(pose, rays[unknown], self._cap_faces(rays[unknown], pose))
         return surface.hits_from(pose, rays, begin, self._body_faces(rays, pose), footprint, sunlit)
@@ -89,8 +89,10 @@ class RayQueries:
         self, rays: np.ndarray, pose: np.ndarray, begin: np.ndarray, footprint: Footprint, sunlit: bool = True
     ) -> Hits:
         """Return where rays that are known to meet the ground do so; see `Renderer.trace_ground`."""
+        surface = self._open_surface()
+        rays, pose, begin = _checked(rays, pose, begin)
         none = np.full(len(rays), -1, dtype=np.int32)
-        return self._open_surface().hits_from(pose, rays, begin, none, footprint, sunlit)
+        return surface.hits_from(pose, rays, begin, none, footprint, sunlit)
 
     def lit(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Return which surface points the sun's centre reaches; see `Renderer.lit`."""
@@ -123,6 +125,17 @@ class RayQueries:
         if not self._open:
             raise RuntimeError(f"this {type(self).__name__} is closed")
         return self._surface
+
+
+def _checked(rays: np.ndarray, pose: np.ndarray, begin: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rays, pose and a copy of the depths at which rays begin, 0 for None. Raises ValueError that names one."""
+    rays = np.asarray(rays)
+    if rays.ndim != 2 or rays.shape[1] != 3 or not np.isfinite(rays).all():
+        raise ValueError(f"rays must be finite numbers of shape (N, 3), got {rays.shape}")
+    start = np.zeros(len(rays)) if begin is None else np.array(begin, dtype=float)
+    if start.shape != (len(rays),) or np.isnan(start).any():
+        raise ValueError(f"begin must be one number for each of {len(rays)} rays, got {start.shape}")
+    return rays, rigid_pose(pose), start
 
 
 @compiled

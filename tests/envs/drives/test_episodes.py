@@ -1,3 +1,4 @@
+from contextlib import nullcontext
 from decimal import Decimal
 from fractions import Fraction
 from itertools import count
@@ -9,7 +10,7 @@ import torch
 
 from envs.drivers.builtin import NavigatorDriver, StraightDriver
 from envs.drivers.driver import Stop
-from envs.drives.episodes import Cell, course_options, run_episode
+from envs.drives.episodes import Cell, _check_condition, course_options, run_episode
 from envs.world.action import ActionError, checked_action
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import UserCodeError
@@ -357,4 +358,10 @@ def test_the_error_on_the_way_is_that_of_the_test_set(on_course, make_scene, mak
 def test_a_condition_that_the_environment_does_not_have_is_refused(env, small_scene):
     with pytest.raises(ValueError, match=r"^cell has the condition low_sun, .*MarsNavEnv\(condition='low_sun'\)$"):
         run_episode(env, Wavering(), Cell(condition="low_sun"), 5, 0)
+    with pytest.raises(ValueError, match=r"^cell has the condition lowsun, and the environment has none"):
+        run_episode(env, Wavering(), Cell(condition="lowsun"), 5, 0)
     assert run_episode(env, Wavering(), Cell(condition="clear"), 5, 0).cell == "condition=clear"
+    for driven, named, fits in (("low_sun", "low_sun", True), ("low_sun", "storm", False), ("low_sun", "clear", False),
+                                ({"ditch": True}, "mine", True)):  # fmt: skip
+        with nullcontext() if fits else pytest.raises(ValueError, match=f"has the condition {driven}; make it by"):
+            _check_condition(Cell(condition=named), driven)

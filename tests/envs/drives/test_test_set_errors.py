@@ -44,7 +44,18 @@ def test_scores_of_other_weights_are_refused(tmp_path):
         errors_on_test_set([file], {"m3depth": "def"})
 
 
-@pytest.mark.parametrize("content", ["{}", '{"methods": []}', '{"methods": {"SGBM": {}}, "weights_sha256": null}', "["])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{}",
+        '{"methods": []}',
+        '{"methods": {"SGBM": {}}, "weights_sha256": null}',
+        "[",
+        '{"methods": {"a": 5}}',
+        '{"methods": {"a": null}}',
+        '{"methods": {"a": "residual"}}',
+    ],
+)
 def test_other_files_are_named(tmp_path, content):
     (tmp_path / "x.json").write_text(content)
     with pytest.raises(DatasetError, match=r"x\.json"):
@@ -53,7 +64,7 @@ def test_other_files_are_named(tmp_path, content):
         errors_on_test_set([tmp_path / "nowhere.json"], {"sgbm": None})
 
 
-def test_scores_without_true_depth_are_told_as_such(tmp_path):
+def test_scores_without_true_depth_are_reported_as_such(tmp_path):
     (tmp_path / "x.json").write_text(json.dumps({"methods": {"SGBM": {"left_right": 99.0, "residual": 0.2}}}))
     with pytest.raises(DatasetError, match=r"x\.json: scores pairs without true depth, so it has no error of depth$"):
         errors_on_test_set([tmp_path / "x.json"], {"sgbm": None})

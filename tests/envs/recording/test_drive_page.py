@@ -346,8 +346,8 @@ def test_depth_beyond_the_scale_is_not_its_far_end():
     assert _depth_bytes(depth).tolist() == [[0, 1, 1, 254, 255, 255]]
 
 
-@pytest.mark.parametrize(("outcome", "contact", "told"), [("tilt", "chassis", True), ("tilt", "none", False)])
-def test_a_contact_is_told_however_the_drive_ended(tmp_path, outcome, contact, told):
+@pytest.mark.parametrize(("outcome", "contact", "is_reported"), [("tilt", "chassis", True), ("tilt", "none", False)])
+def test_a_contact_is_reported_however_the_drive_ended(tmp_path, outcome, contact, is_reported):
     drive = drive_of(tmp_path / "a.zip", [step(), step(x=1.0, contact=contact, outcome=outcome)], outcome=outcome)
     (shown,) = data_of(drive_page([drive]))["drives"]
-    assert ("The rover touched it with" in shown["summary"]) == told
+    assert ("The rover touched it with" in shown["summary"]) == is_reported

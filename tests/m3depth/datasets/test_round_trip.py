@@ -1,5 +1,6 @@
 """What marssim.export writes, these readers read back as the dataset that it came from."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ def exported(request, plane_set, tmp_path_factory) -> tuple[str, Path]:
 def test_every_pair_comes_back(exported, plane_set, split) -> None:
     layout, out = exported
     read, written = open_pairs(out, split), StereoDataset(plane_set, split)
+    read = pickle.loads(pickle.dumps(read))  # as the workers of a DataLoader get it
     assert len(read) == len(written) > 0
     for got, true in zip((read[i] for i in range(len(read))), written):
         np.testing.assert_array_equal(got.left, true.left)

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
 import torch
 from small_network import SMALL
@@ -173,4 +174,8 @@ def test_without_steps_the_first_maps_are_enlarged_and_the_fine_correction_start
 def test_a_size_of_another_kind_is_named(values, message):
     with pytest.raises(ValueError, match=message):
         M3DepthConfig(**values)
-    assert M3DepthConfig(channels=[16, 48, 96]) == M3DepthConfig()
+
+
+def test_sizes_may_be_lists_and_numbers_of_numpy():
+    config = M3DepthConfig(channels=[16, np.int64(48), 96], hypotheses=np.int64(24), feature_skips=np.bool_(True))
+    assert config == M3DepthConfig() and type(config.hypotheses) is int and config.channels == (16, 48, 96)

@@ -85,7 +85,7 @@ def test_a_folder_is_continued_with_the_same_class_alone(folder, tmp_path):
     assert read_json(tmp_path / "predictions.json")["pairs"] == 4
 
 
-def test_changed_files_of_a_class_are_told_as_such(folder, tmp_path, monkeypatch):
+def test_changed_files_of_a_class_are_reported_as_such(folder, tmp_path, monkeypatch):
     module = tmp_path / "my_method.py"
     module.write_text("from m3depth.stereo.classical import SGBM as Net\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -134,10 +134,10 @@ def test_wrong_input_is_refused_by_name():
             matcher(speckle=-1)
     with pytest.raises(ValueError, match="cost"):
         BlockMatching("census")
-    for name, value in (("uniqueness", -5), ("uniqueness", None), ("block", 13)):
+    for name, value in (("uniqueness", -5), ("uniqueness", None), ("block", 17)):
         with pytest.raises(ValueError, match=f"^{name} must be"):
             SGBM(**{name: value})
-    assert BlockMatching(block=33).block == 33 and SGBM(block=11).block == 11
+    assert BlockMatching(block=33).block == 33 and SGBM(block=15).block == 15
 
 
 def test_disparities_that_do_not_fit_into_16_bits_in_sixteenths_are_kept():

@@ -339,8 +339,8 @@ def test_grazing_is_an_angle_to_the_ray_also_at_the_border_of_a_wide_view():
 def test_disparities_under_a_pixel_weigh_no_more_than_one_of_a_pixel():
     target = make_target()
     for true in (0.2, 1.0):
-        there = target._replace(disparity=torch.full_like(target.disparity, true))
-        loss = disparity_loss(there.disparity + 2, there, torch.ones_like(there.disparity), LossConfig(relative=4.0))
+        close = target._replace(disparity=torch.full_like(target.disparity, true))
+        loss = disparity_loss(close.disparity + 2, close, torch.ones_like(close.disparity), LossConfig(relative=4.0))
         assert float(loss) == pytest.approx(1.75 * (1 + 4), rel=1e-5)
 
 

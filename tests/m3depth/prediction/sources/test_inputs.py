@@ -308,7 +308,7 @@ def test_a_mount_that_is_given_is_of_level_raw_cameras_and_a_recorded_one_of_the
     np.testing.assert_array_equal(inputs.on_rover(recorded, RIG, replace(options, mount=None)), level)
 
 
-def test_a_rig_file_beside_the_images_is_told_if_flags_give_the_rest(tmp_path, capsys):
+def test_a_rig_file_beside_the_images_is_reported_if_flags_give_the_rest(tmp_path, capsys):
     pair = [image(tmp_path / f"{eye}.png") for eye in ("a", "b")]
     scale = {"focal": 40.0, "baseline": 0.2}
     find(*pair, **scale)
@@ -323,7 +323,7 @@ def test_a_rig_file_beside_the_images_is_told_if_flags_give_the_rest(tmp_path, c
     assert not capsys.readouterr().err
 
 
-def test_right_images_without_a_left_one_are_told(tmp_path, capsys):
+def test_right_images_without_a_left_one_are_reported(tmp_path, capsys):
     for name in ("a_L", "a_R", "a_R_valid"):
         image(tmp_path / f"{name}.png")
     patterns = {"left": "*_L.png", "right": "*_R.png"}
@@ -335,7 +335,7 @@ def test_right_images_without_a_left_one_are_told(tmp_path, capsys):
     )
     image(tmp_path / "c_R.png")
     find(tmp_path, **patterns)
-    assert capsys.readouterr().err.endswith(" and is left out, as 1 more\n")
+    assert capsys.readouterr().err.endswith(" and is left out, like 1 more\n")
 
 
 def test_pairs_of_patterns_come_in_the_order_of_their_numbers(tmp_path):
@@ -346,6 +346,19 @@ def test_pairs_of_patterns_come_in_the_order_of_their_numbers(tmp_path):
     pairs = find(tmp_path, left="left/*.png", right="right/*.png", poses=tmp_path / "poses.txt").pairs
     assert [pair.name for pair in pairs] == [f"frame_{number}" for number in (8, 9, 10, 11, 100)]
     assert [pair.pose[0, 3] for pair in pairs] == [0, 1, 2, 3, 4]
+    for number in (8, 9, 10):
+        for eye in ("left", "right"):
+            image(tmp_path / f"rectified/frame_{number}/{eye}.png")
+        write_json(tmp_path / f"rectified/frame_{number}/rig.json", {})
+    assert [pair.name for pair in find(tmp_path / "rectified").pairs] == ["frame_8", "frame_9", "frame_10"]
+
+
+def test_times_with_decimals_keep_their_order(tmp_path):
+    times = ["9.5", "12.05", "12.1", "12.25", "13.0"]
+    for time in times:
+        for eye in ("left", "right"):
+            image(tmp_path / f"{eye}/{time}.png")
+    assert [pair.name for pair in find(tmp_path, left="left/*.png", right="right/*.png").pairs] == times
 
 
 def test_a_list_with_a_mark_of_its_encoding_is_read(tmp_path):

@@ -130,7 +130,7 @@ def test_which_pairs_are_raw(tmp_path, images):
     assert not asks(calib=(Path("natecam"),))
 
 
-def test_a_calibration_that_may_be_of_raw_images_is_told(tmp_path, images, capsys):
+def test_a_calibration_that_may_be_of_raw_images_is_reported(tmp_path, images, capsys):
     infos = tuple(tmp_path / name for name in ("left.yaml", "right.yaml"))
     for path, text in zip(infos, camera_info_texts(PAIR, rectified_view(PAIR))):
         path.write_text(text)

@@ -442,10 +442,10 @@ def test_a_skew_is_not_lost_in_a_file_that_holds_none():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "is_reported"),
     [({}, False), ({"D2": [[0.1, 0, 0, 0]]}, True), ({"R": TURN}, True), ({"T": [-0.1, 0.01, 0]}, True)],
 )
-def test_opencv_files_whose_cameras_take_no_rectified_images_are_told(tmp_path, change, told):
+def test_opencv_files_whose_cameras_take_no_rectified_images_are_reported(tmp_path, change, is_reported):
     k = np.array([[300.0, 0, 20], [0, 300, 10], [0, 0, 1]])
     content = {"K1": k, "D1": np.zeros((1, 4)), "K2": k, "D2": np.zeros((1, 4)), "R": np.eye(3), "T": [-0.1, 0, 0]}
     file = tmp_path / "stereo.yml"
@@ -453,4 +453,4 @@ def test_opencv_files_whose_cameras_take_no_rectified_images_are_told(tmp_path, 
     for name, matrix in (content | change).items():
         storage.write(name, np.atleast_1d(np.array(matrix, float)))
     storage.release()
-    assert calibration_of_distorted_images([file]) == (file if told else None)
+    assert calibration_of_distorted_images([file]) == (file if is_reported else None)

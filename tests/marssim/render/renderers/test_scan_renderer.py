@@ -124,6 +124,17 @@ def test_rays_and_points_that_no_query_can_take_are_named(scene, scanner):
             scanner.trace(rays, pose, footprint)
     with pytest.raises(ValueError, match=r"^pose must be"):
         scanner.trace(np.ones((4, 3)), np.full((4, 4), np.nan), footprint)
+    for begin in (np.zeros(3), np.full(4, np.nan)):
+        for trace in (
+            scanner.trace_ground,
+            lambda rays, pose, begin, seen: scanner.trace(rays, pose, seen, begin=begin),
+        ):
+            with pytest.raises(ValueError, match=r"^begin must be one number for each of 4 rays"):
+                trace(np.ones((4, 3)), pose, begin, footprint)
+    up = [[0.0, 0.0, 1.0]]
+    assert scanner.lit([[0.0, 0.0, 50.0]], up).shape == (1,)
     for query in (scanner.lit, scanner.shadow_distance, scanner.sun_share):
+        with pytest.raises(ValueError, match=r"^points must be finite numbers"):
+            query(np.full((10, 3), np.nan), np.tile(up, (10, 1)))
         with pytest.raises(ValueError, match=r"^points and normals must both have shape"):
             query(np.zeros((10, 3)), np.array([[0.0, 0.0, 1.0]]))
