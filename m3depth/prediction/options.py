@@ -80,8 +80,7 @@ class PredictOptions:
     poses: Path | None = None
     """File of the left camera's poses, camera to world, with a line for each pair, in their order: twelve numbers,
     the rows of [R t] (KITTI), or eight, time, position and quaternion x y z w (TUM). Of raw images, they are those of
-    the raw camera.
-    Datasets of marssim have poses of their own."""
+    the raw camera. Datasets of marssim have poses of their own."""
     pose_axes: Literal["z-up", "camera"] = "z-up"
     """Axes of the world of --poses: z-up, or camera: those of the first left camera (x right, y down, z forward), as
     visual odometry gives them. Then the rover's frame at the first pair becomes the world."""
