@@ -17,6 +17,7 @@ from typing import Any, Literal, Protocol, get_args, runtime_checkable
 import numpy as np
 
 from m3depth.class_files import class_files, joint_digest
+from m3depth.network.device import chosen_device
 from m3depth.runtimes.choice import check_runtime, chosen_runtime, is_other_network
 from m3depth.stereo.prediction import Prediction
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
@@ -363,8 +364,6 @@ def _load_weights(weights: Path, role: str, device: str, runtime: str) -> Estima
         from m3depth.runtimes.openvino_network import OpenVinoM3Depth
 
         return OpenVinoM3Depth(model)
-    from m3depth.network.device import chosen_device
-
     return model.to(chosen_device(device))
 
 

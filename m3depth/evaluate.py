@@ -59,6 +59,7 @@ from m3depth.evaluation.without_truth.run import FIGURE, score_without_truth
 from m3depth.figures.evaluation import draw_evaluation
 from m3depth.figures.side_by_side import draw_side_by_side
 from m3depth.holes import FilledEstimator, UnfilledEstimator
+from m3depth.network.device import DeviceName, chosen_device
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import MAX_DISPARITY, StereoPairs, pair_name, scored_depths, spread
@@ -106,7 +107,7 @@ class EvaluateOptions:
     Where the principal points of the cameras differ (doffs), that is added to disparities of the images, but not to
     those of m3depth.predict beside a prediction.json.
     m3depth/evaluation/recorded_maps.py lists the names of the files."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
+    device: DeviceName = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     runtime: RuntimeChoice = "auto"
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
@@ -357,8 +358,6 @@ def device_kind(device: str, runtime: str | None) -> str:
         device: The --device flag.
         runtime: What runs the networks, M3Depth's first, as recorded_runtime returns it.
     """
-    from m3depth.network.device import chosen_device
-
     return "cpu" if (runtime or "").startswith("openvino") else chosen_device(device).type
 
 

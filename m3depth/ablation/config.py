@@ -10,6 +10,7 @@ import tyro
 
 from m3depth.ablation.studies import STUDIES, Study, Variant, distinct, without_repeats
 from m3depth.datasets.config import DataConfig
+from m3depth.network.device import DeviceName
 from m3depth.training.config import Recipe
 
 
@@ -71,7 +72,7 @@ class AblateOptions:
     its own, and learns the padding; four and five levels of the wavelet transform need multiples of 128 and 256."""
     recompute: bool = False
     """Compute activations twice instead of storing them, which takes less memory and more time."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
+    device: DeviceName = "auto"
     """Device to train and score on; auto takes a GPU if there is one."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """How the folders of --data and --test are read."""

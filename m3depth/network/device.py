@@ -1,12 +1,22 @@
-"""The device that a network runs on, and its precision."""
+"""The device that a network runs on, and its precision. Importing this module does not load PyTorch."""
 
 from __future__ import annotations
 
-import torch
+from typing import TYPE_CHECKING, Literal, get_args
 
 from marssim.base.command.wording import counted
 
-DEVICES = ("auto", "cpu", "cuda")
+if TYPE_CHECKING:
+    import torch
+
+DeviceName = Literal["auto", "cpu", "cuda"]  # what --device takes
+DEVICES: tuple[DeviceName, ...] = get_args(DeviceName)
+
+
+def check_device(wanted: str) -> None:
+    """Raise ValueError if --device takes no such name."""
+    if wanted not in DEVICES:
+        raise ValueError(f"--device {wanted}: is unknown; choose from {', '.join(DEVICES)}")
 
 
 def chosen_device(wanted: str, number: int = 0) -> torch.device:
@@ -19,8 +29,9 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
     Raises:
         ValueError: Another name, cuda without a GPU, or a number that is too large.
     """
-    if wanted not in DEVICES:
-        raise ValueError(f"--device {wanted}: is unknown; choose from {', '.join(DEVICES)}")
+    check_device(wanted)
+    import torch
+
     has_gpu = torch.cuda.is_available()
     if wanted == "cuda" and not has_gpu:
         raise ValueError("--device cuda: no GPU was found; choose cpu or auto")
@@ -34,6 +45,8 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
 
 def fast_dtype(device: torch.device) -> torch.dtype | None:
     """Return bfloat16 where the device computes in it (GPU, AMX, AVX-512 BF16), else None, which is float32."""
+    import torch
+
     if device.type == "cuda":
         # Older GPUs emulate it in float32, which is slow.
         native = torch.version.hip is not None or torch.cuda.get_device_capability(device) >= (8, 0)
@@ -52,4 +65,6 @@ def autocast(device: torch.device, dtype: torch.dtype | None) -> torch.autocast:
         device: The device of the network.
         dtype: The type to compute in; None is float32.
     """
+    import torch
+
     return torch.autocast(device.type, dtype or torch.bfloat16, enabled=dtype is not None)

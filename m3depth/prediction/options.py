@@ -11,6 +11,7 @@ import tyro
 
 from m3depth.datasets.config import Format, Split
 from m3depth.estimator import M3DEPTH
+from m3depth.network.device import DeviceName
 from m3depth.rectification.options import RawOptions
 from m3depth.runtimes.choice import RuntimeChoice
 from m3depth.stereo.pairs import LEAST_PIXELS
@@ -97,7 +98,7 @@ class PredictOptions:
     """Stereo method: m3depth (shipped weights), m3depth:PATH (other weights), sgbm or another classical method that
     m3depth.evaluate --baselines lists, or package.module:Class, a class without arguments that has infer(left, right,
     rig). --method is its name in release 0.1."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
+    device: DeviceName = "auto"
     """Device that M3Depth runs on; auto takes a GPU if there is one."""
     runtime: RuntimeChoice = "auto"
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it

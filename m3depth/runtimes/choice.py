@@ -12,13 +12,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
+from m3depth.network.device import check_device, chosen_device, fast_dtype
 from m3depth.weights.config_json import kind_in_file
 
 _M3DEPTH = "m3depth"  # its name, and its kind in files of weights
 RuntimeName = Literal["pytorch", "openvino"]
 RuntimeChoice = Literal["auto", "pytorch", "openvino"]
 RUNTIMES: tuple[RuntimeChoice, ...] = ("auto", "pytorch", "openvino")
-DEVICES = ("auto", "cpu", "cuda")
 PACKAGES: dict[RuntimeName, str] = {"pytorch": "torch", "openvino": "openvino"}  # by the name of the runtime
 AND = " + "  # between the runtimes of M3Depth and of other networks, where they differ
 
@@ -44,15 +44,12 @@ def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
         return "openvino"
     if wanted == "pytorch" or not openvino_is_installed():
         return "pytorch"
-    from m3depth.network.device import chosen_device
-
     return "openvino" if chosen_device(device).type == "cpu" else "pytorch"
 
 
 def check_runtime(wanted: str, device: str = "auto") -> None:
     """Raise ValueError if there is no runtime, or no device, of this name."""
-    if device not in DEVICES:
-        raise ValueError(f"--device {device}: is unknown; choose from {', '.join(DEVICES)}")
+    check_device(device)
     if wanted not in RUNTIMES:
         raise ValueError(f"`runtime` {wanted!r} is unknown; choose from {', '.join(RUNTIMES)}")
 
@@ -122,8 +119,6 @@ def is_other_network(name: str) -> bool:
 def _device_and_precision(name: RuntimeName, wanted: str) -> tuple[str, str]:
     """Return the kind of the device on which a runtime runs here, and "bf16" or "fp32"."""
     import torch
-
-    from m3depth.network.device import chosen_device, fast_dtype
 
     device = torch.device("cpu") if name == "openvino" else chosen_device(wanted)
     return device.type, "fp32" if fast_dtype(device) is None else "bf16"

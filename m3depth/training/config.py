@@ -13,6 +13,7 @@ import tyro
 
 from m3depth.datasets.config import DataConfig
 from m3depth.kinds.config import PresetName
+from m3depth.network.device import DeviceName, check_device
 from m3depth.training.augmentation import AugmentConfig
 from m3depth.training.loss_config import LossConfig
 
@@ -118,7 +119,7 @@ class TrainConfig:
     """Steps between validations, each with an image panel; with 0, the run is validated only at its end."""
     validate_samples: int = 16
     """Number of pairs of the val split that a validation scores; 0 turns validation off."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
+    device: DeviceName = "auto"
     """Device that trains: auto is a GPU if there is one, else the CPU."""
 
 
@@ -199,5 +200,4 @@ def check_config(config: TrainConfig) -> None:
         raise ValueError(f"--seed must be 0 to 2^63 - 1, got {config.seed}")
     if not 0 <= config.ema < 1:
         raise ValueError(f"--ema must be at least 0 and less than 1, got {config.ema}")
-    if config.device not in ("auto", "cpu", "cuda"):
-        raise ValueError(f"--device {config.device}: expected auto, cpu or cuda")
+    check_device(config.device)

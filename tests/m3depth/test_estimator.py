@@ -97,7 +97,7 @@ def test_a_wrong_estimator_is_named(spec, message):
 def test_the_network_goes_where_it_is_asked_to(monkeypatch, device):
     """A device without memory stands for a GPU."""
     arguments = []
-    monkeypatch.setattr("m3depth.network.device.chosen_device", lambda name: arguments.append(name) or "meta")
+    monkeypatch.setattr("m3depth.estimator.chosen_device", lambda name: arguments.append(name) or "meta")
     network = load_estimator("m3depth", device=device)
     assert arguments == [device] and {p.device.type for p in network.parameters()} == {"meta"}
 

@@ -365,7 +365,8 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     elif change == "--estimator":
         module.write_text("class Mine:\n    better = True\n")
     elif change == "--device":
-        monkeypatch.setattr("m3depth.network.device.chosen_device", lambda wanted: torch.device("meta"))
+        for caller in ("evaluate", "runtimes.choice"):
+            monkeypatch.setattr(f"m3depth.{caller}.chosen_device", lambda wanted: torch.device("meta"))
         changed = "--device, another --runtime"  # whose record names the device
     elif change == "--runtime":
         monkeypatch.setattr("m3depth.evaluate.recorded_runtime", lambda *_: "openvino 1.0")
@@ -388,13 +389,13 @@ def test_a_stopped_evaluation_of_another_network_does_not_continue_in_another_pr
     arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--weights", str(weights)]
     method = Stops(3, signal.SIGINT)
     monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: torch.bfloat16)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: torch.bfloat16)
     assert main(arguments) == 130
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: None)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: None)
     capsys.readouterr()
     assert main(arguments) == 2
     assert "belongs to an unfinished evaluation with another --runtime; choose" in capsys.readouterr().err
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: torch.bfloat16)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: torch.bfloat16)
     method = Stops(0, None)
     assert main(arguments) == 0
     results = json.loads((out / "results.json").read_text())

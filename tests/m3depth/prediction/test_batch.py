@@ -100,12 +100,12 @@ def test_a_folder_of_another_network_is_not_continued_in_another_precision(folde
     new_network(TINY["raft-stereo"]).save_pretrained(tmp_path / "raft.safetensors")
     out = tmp_path / "out"
     flags = {"estimator": f"m3depth:{tmp_path / 'raft.safetensors'}", "write": ("depth",), "unchecked": True}
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: None)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: None)
     predict(options(folder, out, **flags))
     record = json.loads((out / "0/prediction.json").read_text())
     assert record["runtime"].startswith("pytorch ") and record["runtime"].endswith(" fp32")
     predict(options(folder, out, **flags))
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: torch.bfloat16)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: torch.bfloat16)
     with pytest.raises(DatasetError, match=r"runtime pytorch .* fp32, not pytorch .* bf16"):
         predict(options(folder, out, **flags))
 

@@ -65,9 +65,9 @@ def test_a_wrong_runtime_is_refused_for_every_method():
 
 @pytest.mark.parametrize(("dtype", "precision"), [(None, "fp32"), (torch.bfloat16, "bf16")])
 def test_results_record_what_ran_m3depth_where_and_how_precisely(monkeypatch, dtype, precision):
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: dtype)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: dtype)
     for device in ("cpu", "cuda"):
-        monkeypatch.setattr("m3depth.network.device.chosen_device", lambda _, device=device: torch.device(device))
+        monkeypatch.setattr("m3depth.runtimes.choice.chosen_device", lambda _, device=device: torch.device(device))
         record = recorded_runtime(["sgbm", "m3depth:w.safetensors"])
         assert record == f"pytorch {version('torch')} {device} {precision}"
 
@@ -86,9 +86,9 @@ def rivals(tmp_path_factory) -> dict[str, str]:
 def test_results_record_what_ran_another_network(rivals, monkeypatch, kind, dtype, precision):
     """OpenVINO, which is installed here and asked for, runs M3Depth alone."""
     monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: dtype)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: dtype)
     for device in ("cpu", "cuda"):
-        monkeypatch.setattr("m3depth.network.device.chosen_device", lambda _, device=device: torch.device(device))
+        monkeypatch.setattr("m3depth.runtimes.choice.chosen_device", lambda _, device=device: torch.device(device))
         for wanted in ("auto", "openvino"):
             record = recorded_runtime(["sgbm", rivals[kind]], wanted)
             assert record == f"pytorch {version('torch')} {device} {precision}"
@@ -101,7 +101,7 @@ def test_m3depth_and_another_network_in_one_program_have_one_record(rivals):
 def test_both_programs_are_recorded_that_of_m3depth_first(rivals, monkeypatch):
     monkeypatch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: True)
     monkeypatch.setattr("m3depth.runtimes.choice.version", lambda package: f"1.{len(package)}")
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: None)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: None)
     record = recorded_runtime([rivals["raft-stereo"], "m3depth"], device="cpu")
     assert record == "openvino 1.8 cpu fp32 + pytorch 1.5 cpu fp32"
 
@@ -120,7 +120,7 @@ def test_no_runtime_is_recorded_without_a_network():
 
 @pytest.mark.parametrize(("dtype", "precision"), [(None, "fp32"), (torch.bfloat16, "bf16")])
 def test_results_record_openvino(installed, monkeypatch, dtype, precision):
-    monkeypatch.setattr("m3depth.network.device.fast_dtype", lambda device: dtype)
+    monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: dtype)
     record = f"openvino {version('openvino')} cpu {precision}"
     assert recorded_runtime(["m3depth"], device="cpu") == recorded_runtime(["m3depth"], "openvino") == record
 
