@@ -185,6 +185,19 @@ def test_more_pairs_than_fit_into_memory_are_refused():
         asked("--pairs", 10**20)
 
 
+def test_images_that_opencv_would_not_read_are_refused():
+    assert asked("--rig.width", 2**16, "--rig.height", 2**14).rig.camera.width == 2**16
+    with pytest.raises(ValueError, match=r"^`rig.width` times `rig.height`, .* 1073741824 px, got 65536 x 16385$"):
+        asked("--rig.width", 2**16, "--rig.height", 2**14 + 1)
+
+
+@pytest.mark.parametrize("flag", ["--rig.focal", "--rig.focal-y"])
+def test_a_focal_length_in_metres_is_refused(flag):
+    assert asked(flag, 1).rig.camera.fy == 1
+    with pytest.raises(ValueError, match=r"^`rig.focal`, .* must be at least 1 px, got 0.0131; in metres\?$"):
+        asked(flag, 0.0131)
+
+
 @pytest.mark.parametrize(("flag", "value"), [("--drive.step", 1), ("--drive.speed", 0.1)])
 def test_flags_of_a_drive_need_a_drive(flag, value):
     with pytest.raises(ValueError, match=rf"^{flag} describes a drive, which needs --trajectory$"):
