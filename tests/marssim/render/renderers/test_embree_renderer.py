@@ -172,6 +172,7 @@ def test_surface_ids_name_what_stands_there(scene, name, pose):
     view = renderer.render(CAMERA, pose)
     renderer.close()
     points = view.world(CAMERA, pose)
+    assert not view.hit.all() and np.array_equal(np.isinf(points).all(axis=-1), ~view.hit)
     ground = points[(view.surface == GROUND) & (view.detail[..., 0] < 0)]  # not on the fragments about rocks
     ground = ground[(np.abs(ground[:, :2]) < 12).all(axis=1)]
     inside = scene.terrain.fine.contains(ground[:, 0], ground[:, 1])
