@@ -31,6 +31,7 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
     has_seeds = any(change["seed_interval"] for change in changes)
     over_scenes = "95 % interval over test scenes" + ("" if has_seeds else ", without chance in training")
     rows = study["rows"]
+    gap = 0.14 if study["source"] else 0.0  # from a row's label up to the paper's mark, and down to ours
     figure = Figure(figsize=(1.6 + 3.6 * len(names), 1.6 + 0.42 * len(rows)), layout="constrained", dpi=120)
     panels = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
     for ax, name in zip(panels, names, strict=True):
@@ -38,12 +39,12 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
         for place, row in enumerate(rows):
             change = row["against_reference"][name]
             if change["paper"] is not None:
-                ax.plot(100 * change["paper"], place - 0.14, marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="")
+                ax.plot(100 * change["paper"], place - gap, marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="")
             if change["here"] is not None:
                 for name_of_bounds, width in BARS.items():
                     bounds = [100 * bound for bound in change[name_of_bounds] or ()]
-                    ax.plot(bounds, [place + 0.14] * len(bounds), color=HERE, lw=width)
-                ax.plot(100 * change["here"], place + 0.14, marker="o", ms=6, color=HERE, ls="")
+                    ax.plot(bounds, [place + gap] * len(bounds), color=HERE, lw=width)
+                ax.plot(100 * change["here"], place + gap, marker="o", ms=6, color=HERE, ls="")
         ax.set_title(SHOWN[name], fontsize=11)
         ax.xaxis.set_major_locator(MaxNLocator(5))
         ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}" if value else "0"))
