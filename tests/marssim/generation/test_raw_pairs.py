@@ -13,6 +13,7 @@ from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import RAW
 from marssim.base.files.json_file import as_json
 from marssim.generate import main
+from marssim.generation import scene_views
 from marssim.generation.config import parse_generate
 
 RIG = {
@@ -54,6 +55,20 @@ def test_rectified_pairs_are_the_same_with_and_without_raw_ones(made):
         assert np.array_equal(getattr(raw, name), getattr(plain, name)), name
     assert raw.meta.pop("raw_sha256").keys() == set(RAW) and raw.meta == plain.meta
     assert "raw" not in plain.meta and not (made / "plain/calibration").exists()
+
+
+def test_noise_of_raw_images_differs_from_view_to_view(tmp_path, monkeypatch):
+    drawn = []
+
+    def render(self, renderer, shader, pose, sensor, rng, rover=None):
+        drawn.append(rng.random())
+        return (np.zeros((48, 64, 3), np.uint8),) * 2
+
+    monkeypatch.setattr(scene_views.RawRenderer, "render", render)
+    (tmp_path / "rig.json").write_text(json.dumps(RIG))
+    flags = [*FLAGS, "--rig-file", str(tmp_path / "rig.json"), "--raw", "--pairs", "3", "--views-per-scene", "2"]
+    assert main(["--out", str(tmp_path / "set"), *flags]) == 0
+    assert len(drawn) == len(set(drawn)) == 3
 
 
 def test_the_command_in_the_dataset_gives_its_settings(made):
