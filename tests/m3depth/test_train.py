@@ -294,6 +294,21 @@ def test_accumulated_gradients_are_the_mean_of_the_parts(plane_samples, tmp_path
         torch.testing.assert_close(gradient, parameter.grad)
 
 
+def test_rows_at_full_resolution_weigh_as_much_as_a_crop(plane_samples, large_samples, tmp_path) -> None:
+    """Also where not every crop has such rows: their losses are added up and divided by the number of crops."""
+    config = config_for(tmp_path, batch=4)
+    run = Run(config, torch.device("cpu"))
+    mixed = [plane_samples[0], large_samples[1], plane_samples[2], large_samples[3]]
+    batch = make_batch(PackedCache(mixed, 0), 0, 4, config.crop, config.augment, config.seed)
+    assert 0 < len(batch.finer) < 4
+    loss, terms = backward(run.model, batch, config, None)
+    output = run.model(batch.left, batch.right, batch.target.camera)
+    finer = finer_losses(run.model, output, batch, config, None)
+    crops = total_loss(output, batch.target, config.loss)[0]
+    torch.testing.assert_close(loss, (crops + finer.sum() / 4).detach())
+    torch.testing.assert_close(terms["finer"], finer.mean().detach())
+
+
 def test_no_network_sees_more_than_a_part_of_a_batch(plane_samples, tmp_path, monkeypatch) -> None:
     """Neither in a step nor in the check before the weights are saved: the whole batch may not fit into memory."""
     sizes = []
