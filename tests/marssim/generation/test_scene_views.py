@@ -1,5 +1,6 @@
 """What a sample's JSON records of its scene."""
 
+import math
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -49,6 +50,7 @@ def test_every_value_of_the_look_is_recorded(sample):
     assert {f.name for f in fields(Look)} <= set(sample.meta)
     for field in fields(Look):
         assert np.array_equal(sample.meta[field.name], getattr(look, field.name)), field.name
+    assert sample.meta["sun_elevation_deg"] == pytest.approx(math.degrees(math.asin(look.sun[2])))
 
 
 def test_ranges_narrowed_to_what_was_recorded_give_the_same_images(sample, tmp_path):
@@ -109,13 +111,15 @@ def test_a_drive_has_the_rover_in_all_views_or_none(tmp_path):
         assert len(set(pans)) == 1
 
 
-def test_the_mast_of_a_rover_in_view_is_rigid_over_a_drive(tmp_path):
+def test_the_mast_of_a_rover_in_view_is_rigid_over_a_drive_and_time_goes_on(tmp_path):
     rough = replace(
         SMALL, size=24.0, horizon=30.0, relief=replace(SMALL.relief, rms_slope_deg=9, regional_slope_deg=12)
     )
-    view, drive = ViewConfig(rover=(1.0, 1.0), rover_pan_deg=(100.0, 100.0)), TrajectoryConfig(step=0.8)
+    view, drive = ViewConfig(rover=(1.0, 1.0), rover_pan_deg=(100.0, 100.0)), TrajectoryConfig(step=0.8, speed=0.5)
     asked = config(tmp_path, 3, trajectory=True, view=view, drive=drive, scenes=(rough,))
-    mounts = [recorded_mount(sample.meta) for sample in generate_dataset(asked)]
+    samples = generate_dataset(asked)
+    assert [sample.meta["timestamp"] for sample in samples] == pytest.approx([0.0, 1.6, 3.2])
+    mounts = [recorded_mount(sample.meta) for sample in samples]
     for mount in mounts:
         np.testing.assert_allclose(mount, mounts[0], atol=1e-9)
     assert np.rad2deg(CameraMount.of_left_eye(mounts[0], NATECAM.baseline)[1]) == pytest.approx(100.0, abs=1e-6)
