@@ -30,7 +30,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, Noted, check_worker, noted_of, unchanged
+from envs.drives.resume import NOTES, Noted, check_worker, note_drives_left_out, noted_of, unchanged
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -75,10 +75,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     if config.bag_courses:
         check_installed(config.out / "bags")
     test_errors = errors_on_test_set(config.scores, {name: perception_digest(name) for name in config.perception})
-    if not config.tasks:
-        courses = len(replace(config, shard=None).tasks) // (len(config.driver) * len(config.perception))
-        most = "there is only one course" if courses == 1 else f"use {courses} parts or fewer, one for each course"
-        raise ValueError(f"--shard {config.shard} has no episode: {most}")
+    config.check_shard()
     results = ResultFolder(
         config.out, "evaluation", SETTINGS, config.content(), notes=NOTES, partial=(f"**/{PARTIAL}",)
     )
@@ -392,6 +389,7 @@ def _work(config: EvaluateConfig) -> None:
         f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}, for the browser in "
         f"{config.out / 'results.html'}; {page} defines the columns"
     )
+    note_drives_left_out(config)
 
 
 if __name__ == "__main__":

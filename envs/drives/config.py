@@ -246,6 +246,13 @@ class EvaluateConfig:
             for (episode, cell), driver, perception in product(courses, self.driver, self.perception)
         ]
 
+    def check_shard(self) -> None:
+        """Raise ValueError if no course is left for the part that --shard names."""
+        if not self.tasks:
+            courses = self.courses * len(self.cells)
+            most = "there is only one course" if courses == 1 else f"use {courses} parts or fewer, one for each course"
+            raise ValueError(f"--shard {self.shard} has no episode: {most}")
+
     def scene_config(self) -> SceneConfig:
         """Return the place with the given values instead of its ranges. Raises ValueError for a value out of range."""
         return with_look(load_place(self.scene), self.look_flags())

@@ -6,6 +6,7 @@ The versions of packages and the machines that drove them are noted too, and not
 from __future__ import annotations
 
 import platform
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ from envs.drives.config import EvaluateConfig
 from m3depth.class_files import joint_digest
 from m3depth.estimator import EstimatorName
 from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
+from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import joined_versions, versions
@@ -45,6 +47,17 @@ def noted_of(folder: ResultFolder, config: EvaluateConfig, driving: bool) -> dic
         RUNTIME: noted_runtime(folder, config.perception, config.runtime),
         VERSIONS: noted_versions(folder, driving),
     }
+
+
+def note_drives_left_out(config: EvaluateConfig) -> None:
+    """Print a note if the folder holds finished drives of other drivers, perceptions or courses than those named."""
+    named, folder = {task.file for task in config.tasks}, config.out / "episodes"
+    if others := sum(file.name not in named for file in folder.glob("*.json")):
+        print(
+            f"note: {folder} also holds {counted(others, 'drive')} that the flags leave out, and so do the results; "
+            "name all drivers, perceptions and courses to report them together",
+            file=sys.stderr,
+        )
 
 
 def noted_digests(folder: ResultFolder, names: Sequence[str]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from small_rivals import TINY
 
 import envs.evaluate
 from envs.drives.resume import NOTES, WEIGHTS, noted_digests, noted_runtime, noted_versions
-from envs.evaluate import EvaluateConfig, evaluate
+from envs.evaluate import EvaluateConfig, evaluate, main
 from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.files.json_file import DatasetError, read_json
@@ -51,6 +51,17 @@ def test_other_settings_are_refused_with_both_values(tmp_path):
     ):
         evaluate(replace(config, goal_distance=5.0, drift=0.1))
     assert file.read_bytes() == before
+
+
+def test_drives_that_a_report_leaves_out_are_noted(tmp_path, capsys):
+    command = ["--out", str(tmp_path), "--perception", "ground_truth", "--dynamics", "kinematic", "--no-videos"]
+    command += ["--k", ".01", "--goal-distance", "4"]
+    assert main([*command, "--driver", "straight", "--episodes", "2"]) == 0
+    assert "note: " not in capsys.readouterr().err
+    assert main([*command, "--driver", "random", "--episodes", "1"]) == 0
+    assert f"note: {tmp_path / 'episodes'} also holds 2 drives that the flags leave out" in capsys.readouterr().err
+    assert main([*command, "--driver", "random", "straight", "--episodes", "1"]) == 0
+    assert "also holds 1 drive that" in capsys.readouterr().err
 
 
 def test_versions_and_machines_are_those_of_all_drives_and_of_no_other_run(file, monkeypatch):
