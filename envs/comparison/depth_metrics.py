@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import rankdata
 
 from envs.comparison.jackknife import jackknife_interval
 from envs.comparison.methods import DrivenMethod, shared_episodes
@@ -171,7 +170,7 @@ def _both(dots: Sequence[Dot], *names: str) -> tuple[list[Dot], list[np.ndarray]
 
 def _spearman(metric: str, score: str, dots: Sequence[Dot]) -> float:
     _, (x, y) = _both(dots, metric, score)
-    return correlation(rankdata(x), rankdata(y))
+    return correlation(_ranks(x), _ranks(y))
 
 
 def _pearson(metric: str, score: str, logarithmic: bool, dots: Sequence[Dot]) -> float:
@@ -179,6 +178,13 @@ def _pearson(metric: str, score: str, logarithmic: bool, dots: Sequence[Dot]) ->
     if logarithmic and (x <= 0).any():  # without one of the courses, a dot may have no errors
         return float("nan")
     return correlation(np.log(x) if logarithmic else x, y)
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Return the ranks of values (n,), from 1; equal values share the mean of theirs."""
+    from scipy.stats import rankdata  # not at the top, since it takes a third of the command's start
+
+    return rankdata(values)
 
 
 def _within(metric: str, score: str, dots: Sequence[Dot]) -> float:
@@ -189,7 +195,7 @@ def _within(metric: str, score: str, dots: Sequence[Dot]) -> float:
 def _weaker(metric: str, strongest: str, score: str, dots: Sequence[Dot]) -> float:
     """Return by how much the correlation of a metric is weaker than that of the strongest, over dots that have both."""
     _, (x, best, y) = _both(dots, metric, strongest, score)
-    size, best_size = (abs(correlation(rankdata(values), rankdata(y))) for values in (x, best))
+    size, best_size = (abs(correlation(_ranks(values), _ranks(y))) for values in (x, best))
     return best_size - size
 
 
@@ -269,7 +275,7 @@ def ranks_within(x: np.ndarray, y: np.ndarray, groups: Sequence[str]) -> tuple[n
     for group in dict.fromkeys(groups):
         members = [i for i, other in enumerate(groups) if other == group]
         if _differing(x[members]) and _differing(y[members]):
-            of_x, of_y = (rankdata(values[members]) for values in (x, y))
+            of_x, of_y = (_ranks(values[members]) for values in (x, y))
             centred.append((of_x - of_x.mean(), of_y - of_y.mean()))
     return np.concatenate([of_x for of_x, _ in centred]), np.concatenate([of_y for _, of_y in centred])
 
