@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -14,6 +15,7 @@ from m3depth.figures.drawing import METHOD_COLOURS, save
 # Figures that have a panel, and its title.
 SHOWN = {"abs_rel": "Abs Rel", "rmse": "RMSE", "normal_mean": "mean error of the normals"}
 BARS = {"interval": 3, "seed_interval": 1}  # widths of the bars of intervals [pt]
+LABEL = 40  # characters of a line of a row's label; two lines fit
 PAPER, HERE = METHOD_COLOURS[1], METHOD_COLOURS[0]  # colours of the marks
 
 
@@ -51,7 +53,7 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
         ax.grid(True, axis="x", color="0.9")
         ax.spines[["top", "right", "left"]].set_visible(False)
         ax.tick_params(axis="y", length=0)
-    panels[0].set_yticks(range(len(rows)), [row["label"] for row in rows])
+    panels[0].set_yticks(range(len(rows)), [fill(row["label"], LABEL) for row in rows])
     panels[0].set_ylim(len(rows) - 0.5, -0.5)
     handles = panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")
     handles = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -30,6 +31,7 @@ from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
 
 PAIRS = 2  # pairs shown
 PANEL = 1.7  # [in] width of one image
+TITLE = 22  # characters of a line above it; three lines fit
 KINDS = ("depth", "error of the disparity", "normals")  # rows of a pair
 
 
@@ -95,8 +97,8 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
                 under.axis("off")
             else:
                 show(under, normal_image(np.where(known_depth(prediction.depth)[..., None], prediction.normal, 0)))
-    for ax, title in zip(axes[0], ["left image", "truth", *(name.replace(", ", ",\n") for name in names)], strict=True):
-        ax.set_title(title, fontsize=9)
+    for ax, title in zip(axes[0], ["left image", "truth", *names], strict=True):
+        ax.set_title(fill(title, TITLE), fontsize=9)
     figure.text(0.36 / width, 0.1 / height, f"depth: bright is near; grey: sky or unknown\n{NORMAL_TITLE}", fontsize=8)
     place = figure.add_axes((1 - (0.3 + 1.5 * PANEL) / width, 0.5 / height, 1.5 * PANEL / width, 0.1 / height))
     bar = figure.colorbar(ScalarMappable(errors, colour_map("inferno")), cax=place, orientation="horizontal")

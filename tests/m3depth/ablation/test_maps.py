@@ -17,7 +17,7 @@ from m3depth.network.model import M3Depth
 def examples(plane_samples, tmp_path):
     """The first and the last plane, as two small networks of random weights see them."""
     rows = {}
-    for seed, label in enumerate(("(a) neither", "(b) both, as here")):
+    for seed, label in enumerate(("(a) neither", "(b) both, with heads of the state")):
         torch.manual_seed(seed)
         rows[label] = tmp_path / f"{seed}.safetensors"
         M3Depth(SMALL).save_pretrained(rows[label])
@@ -31,7 +31,12 @@ def test_every_row_has_the_maps_of_its_own_network(plane_samples, examples, tmp_
     maps_figure(examples, tmp_path / "maps.png")
     assert cv2.imread(str(tmp_path / "maps.png")).std() > 5
     axes = np.array(drawn_figures[0].axes[: 6 * 4]).reshape(6, 4)  # three lines a pair; image, truth and two rows
-    assert [ax.get_title() for ax in axes[0]] == ["left image", "truth", "(a) neither", "(b) both,\nas here"]
+    assert [ax.get_title() for ax in axes[0]] == [
+        "left image",
+        "truth",
+        "(a) neither",
+        "(b) both, with heads\nof the state",
+    ]
     for example, line in zip(examples, axes[1::3], strict=True):
         scored = pixel_kinds(example.truth)["all"]
         for ax, prediction in zip(line[2:], example.predictions.values(), strict=True):
