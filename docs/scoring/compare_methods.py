@@ -192,8 +192,15 @@ def spread(of_set: Mapping[str, Any]) -> dict[str, float]:
 
 
 def intervals(of_set: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the errors by true depth over all pixels of a set, in the form of Scores.result() of m3depth.evaluate."""
+    """Return the errors by true depth over all pixels of a set, in the form of Scores.result() of m3depth.evaluate.
+
+    Each interval of depth also has "mae_interval", that of the mean absolute error over scenes, None where fewer than
+    four scenes have such depths. Scores of earlier versions have none.
+    """
     parts = [*of_set["places"].values()]
+    of_scenes = [sums for part in parts for sums in part.get("scene_intervals", {}).values()]
+    if not all(part.get("scene_intervals") for part in parts):
+        of_scenes = []
     rows = []
     for i in range(len(INTERVAL_EDGES) - 1):
         cells = [part["intervals"][i] for part in parts if part["intervals"][i]["pixels"]]
@@ -205,11 +212,18 @@ def intervals(of_set: Mapping[str, Any]) -> dict[str, Any]:
             pooled[name] = float((values @ pixels / pixels.sum()) ** (1 / power)) if cells else None
         edges = {"from_m": float(INTERVAL_EDGES[i]), "to_m": float(INTERVAL_EDGES[i + 1])}
         rows.append({**edges, "pixels": int(pixels.sum()), "pooled": pooled})
+        if of_scenes:
+            mae = Term("", partial(_absolute_error, i))
+            rows[-1]["mae_interval"] = figure(mae, of_scenes, range(len(of_scenes)))["interval"]
     return {
         "intervals": rows,
         "gets_truth": any(part["gets_truth"] for part in parts),
         "normals_are_fitted": any(part["normals_are_fitted"] for part in parts),
     }
+
+
+def _absolute_error(index: int, sums: Mapping[str, Sequence[float]]) -> tuple[float, float]:
+    return sums["absolute_error_m"][index], sums["pixels"][index]
 
 
 def cost(network: Mapping[str, Any]) -> dict[str, Any]:

@@ -41,12 +41,12 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
         folder: The --out of that command.
         size: Width of the pairs [px].
 
-    Returns:
-        By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
-        "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
-        none), "intervals" (errors by true depth), "gets_truth", "normals_are_fitted" (whether the normals are those of
-        planes that are fitted to the depth), "weights_sha256" (None without weights), "runtime" (None for
-        methods that are not named m3depth) and "commit" (of the code).
+    Returns: By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
+    "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
+    none), "intervals" (errors by true depth), "scene_intervals" (by scene and interval, the number of pixels and the
+    sum of their absolute errors [m]; {} for scores of earlier versions), "gets_truth", "normals_are_fitted" (whether
+    the normals are those of planes that are fitted to the depth), "weights_sha256" (None without weights), "runtime"
+    (None for methods that are not named m3depth) and "commit" (of the code).
 
     Raises:
         DatasetError: There are none, the places do not have the same methods, or two have other weights of a method.
@@ -95,8 +95,25 @@ def _of_place(part: Mapping[str, Any], label: str) -> dict[str, Any]:
             }
             for row in result["intervals"]
         ],
+        "scene_intervals": _scene_intervals(pairs, label),
         "gets_truth": bool(result.get("gets_truth")),
         "normals_are_fitted": result["normals_are_fitted"] or not any("normal_mean" in pair[label] for pair in pairs),
+    }
+
+
+def _scene_intervals(pairs: Sequence[Mapping[str, Any]], label: str) -> dict[str, dict[str, list[float]]]:
+    """Return the sums of each scene for each interval of true depth; {} if the scores of a pair have none."""
+    sums: dict[str, dict[str, Any]] = {}
+    for pair in pairs:
+        of_pair = pair[label].get("counts", {}).get("intervals")
+        if of_pair is None:
+            return {}
+        of_scene = sums.setdefault(pair["scene"], dict.fromkeys(of_pair, 0))
+        for name, values in of_pair.items():
+            of_scene[name] = of_scene[name] + np.array(values)
+    return {
+        scene: {name: [_rounded(value) for value in values.tolist()] for name, values in of_scene.items()}
+        for scene, of_scene in sums.items()
     }
 
 

@@ -137,7 +137,13 @@ def _set_section(name: str, part: Mapping[str, Any], runs: Mapping[str, Any], re
     spreads = [(titles[label], part["spread"][label]) for label in order]
     cells = [[title, number(each["median"]), f"{100 * each['failed']:.1f} %"] for title, each in spreads]
     lines += table(["method", "median", f"pairs of {FAILED_ABS_REL:g} or more"], cells)
-    lines += ["", "Mean absolute error [m] by true depth, over all pixels; - where no pixel has such a depth:", ""]
+    over_scenes = any("mae_interval" in row for each in part["intervals"].values() for row in each["intervals"])
+    known = ", with 95 % intervals over scenes for methods whose scores have them" if over_scenes else ""
+    lines += [
+        "",
+        f"Mean absolute error [m] by true depth, over all pixels{known}; - where no pixel has such a depth:",
+        "",
+    ]
     depths = [f"{r['from_m']:g}-{r['to_m']:g} m" for r in part["intervals"][order[0]]["intervals"]]
     cells = [[depth, *(_mae(part, label, i) for label in order)] for i, depth in enumerate(depths)]
     return [*lines, *table(["depth", *(titles[label] for label in order)], cells)]
@@ -177,5 +183,5 @@ def _cell(metric: Mapping[str, Any], key: str = "value") -> str:
 
 
 def _mae(part: Mapping[str, Any], label: str, index: int) -> str:
-    value = part["intervals"][label]["intervals"][index]["pooled"]["mae"]
-    return "-" if value is None else number(value)
+    row = part["intervals"][label]["intervals"][index]
+    return _cell({"value": row["pooled"]["mae"], "interval": row.get("mae_interval")})

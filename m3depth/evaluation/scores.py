@@ -126,7 +126,8 @@ class Scores:
         Returns:
             The pair's figures over all scored pixels: the depth terms, "normal_<term>", and "fitted_normal_<term>" of
             the fitted normals. "kinds" holds those of PAIR_FIGURES for the other kinds of pixels that the pair has,
-            "counts" its SkyCounts and RockCounts.
+            "counts" its SkyCounts and RockCounts, and under "intervals" for each interval of true depth the number of
+            scored pixels and the sum of their absolute errors [m].
         """
         sample, considered = pair.sample, pair.considered
         terms = depth_terms(
@@ -166,7 +167,9 @@ class Scores:
             for kind, figures in by_kind.items()
             if kind != "all" and figures
         }
-        return {**by_kind["all"], "kinds": kinds, "counts": {"sky": sky.state_dict(), "rocks": rocks.state_dict()}}
+        by_depth = {"pixels": count[1:-1].tolist(), "absolute_error_m": totals[1:-1, MAE].tolist()}
+        counts = {"sky": sky.state_dict(), "rocks": rocks.state_dict(), "intervals": by_depth}
+        return {**by_kind["all"], "kinds": kinds, "counts": counts}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of every part, by its name."""

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from small_network import SMALL
 from small_rivals import TINY
@@ -182,6 +183,41 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert "| SGBM | - | 1.00 | 300 | - | - | - |" in page
     for picture in ("curves.png", "error_by_depth_clean.png"):
         assert cv2.imread(str(out / picture)).std() > 5
+
+
+def test_errors_by_depth_have_intervals_over_scenes(compare_methods, folders, measured, tmp_path):
+    """Where the scores of each pair have its sums; two pairs of a scene count as one."""
+    scores, run = folders
+    rng, flat = np.random.default_rng(0), []
+    for path in sorted(scores.glob("depth/512/clean/*/results.json")):
+        content = json.loads(path.read_text())
+        (pair,) = content["per_pair"]
+        content["per_pair"] = [{**pair, "pair": f"{n:05d}/00", "scene": f"{n // 2:05d}"} for n in range(8)]
+        pixels = rng.integers(20, 90, 8)
+        for label, result in content["methods"].items():
+            errors = rng.uniform(0.1, 0.9, 8) * pixels
+            for each, count, error in zip(content["per_pair"], pixels, errors, strict=True):
+                by_depth = {"pixels": [0, 0, int(count), *[0] * 12], "absolute_error_m": [0, 0, error, *[0] * 12]}
+                each[label] = {**pair[label], "counts": {"intervals": by_depth}}
+            result["intervals"][2] |= {"pixels": int(pixels.sum())}
+            result["intervals"][2]["pooled"]["mae"] = float(errors.sum() / pixels.sum())
+            if label == "mine":
+                flat += zip(errors[::2] + errors[1::2], pixels[::2] + pixels[1::2], strict=True)
+        path.write_text(json.dumps(content))
+    out = tmp_path / "out"
+    assert compare_methods.main(flags(scores, out, run)) == 0
+    rows = read_json(out / "methods.json")["sets"]["clean"]["intervals"]["mine"]["intervals"]
+    low, high = rows[2]["mae_interval"]
+    errors, pixels = np.array(flat).T
+    mae = errors.sum() / pixels.sum()
+    drawn = np.random.default_rng(1).integers(0, 8, (20_000, 8))
+    spread = np.std(errors[drawn].sum(axis=1) / pixels[drawn].sum(axis=1)) * (8 / 7) ** 0.5
+    assert rows[2]["pooled"]["mae"] == pytest.approx(mae) and low < mae < high
+    assert (high - low) / 2 == pytest.approx(2.365 * spread, rel=0.15)  # Student's t with 7 degrees of freedom
+    assert rows[3]["mae_interval"] is None
+    page = (out / "methods.md").read_text()
+    assert "with 95 % intervals over scenes for methods whose scores have them" in page
+    assert f"| 2-3 m | {number(mae)} ({number(low)} to {number(high)}) |" in page
 
 
 def test_the_page_says_how_many_threads_computed(compare_methods, folders, measured, tmp_path, monkeypatch):

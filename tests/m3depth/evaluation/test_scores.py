@@ -95,6 +95,20 @@ def test_the_interval_of_a_depth_ends_with_it(plane_samples):
     assert pixels == {3: (depth == 3).sum(), 15: depth.shape[1]}
 
 
+def test_the_sums_of_pairs_by_depth_are_those_of_the_result(plane_samples):
+    scores = Scores()
+    pairs = [
+        scores.add(truth(sample, depth=sample.depth * (1 + 0.01 * n)), ScoredPair(sample))["counts"]["intervals"]
+        for n, sample in enumerate(plane_samples[:3], start=1)
+    ]
+    for i, result in enumerate(scores.result()["intervals"]):
+        assert result["pixels"] == sum(pair["pixels"][i] for pair in pairs)
+        if result["pixels"]:
+            error = sum(pair["absolute_error_m"][i] for pair in pairs)
+            assert error == pytest.approx(result["pooled"]["mae"] * result["pixels"])
+    assert all(len(values) == 15 for pair in pairs for values in pair.values())
+
+
 def test_rocks_and_confidence_are_in_the_result():
     x, y = ahead(4.0, 0.0)
     sample = rock_sample(RockWorld(domes=np.array([[x, y, 0.4, 0.3]])))
