@@ -22,23 +22,30 @@ def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | No
             without one). A score counts only if it is of the same file.
 
     Raises:
-        DatasetError: A file holds no such results, or scores none of the perceptions.
+        DatasetError: A file holds no such results, scores none of the perceptions, or was scored on images that were
+            degraded otherwise than those of the first file.
     """
     scores: dict[str, list[tuple[float, int]]] = {}  # Abs Rel, pairs
+    first: str | None = None
     for file in files:
         content = read_json(file)
         try:
             pairs = int(content["pairs"])
-            columns = _scored(content)
+            scored = _scored(content)
         except (KeyError, TypeError, AttributeError, ValueError):
             methods = content.get("methods")
             if isinstance(methods, dict) and any(isinstance(m, dict) and "residual" in m for m in methods.values()):
                 raise DatasetError(f"{file}: scores pairs without true depth, so it has no error of depth") from None
             raise DatasetError(f"{file}: is no results.json of m3depth.evaluate") from None
+        degraded = f"--degrade {content['degrade']}" if content.get("degrade") else "undegraded images"
+        first = first or degraded
+        if degraded != first:
+            raise DatasetError(f"{file}: was scored with {degraded}, {files[0]} with {first}; give results of one kind")
         errors = {
-            perception: columns[key]
+            perception: error
             for perception, digest in perceptions.items()
-            if (key := digest or perception) in columns
+            for name, of_file, error in scored
+            if digest == of_file and (name == perception or (_is_network(name) and _is_network(perception)))
         }
         if not errors:
             raise DatasetError(f"{file}: scores none of {', '.join(perceptions)} (with the same weights)")
@@ -47,8 +54,16 @@ def errors_on_test_set(files: Sequence[Path], perceptions: Mapping[str, str | No
     return {name: sum(e * n for e, n in parts) / sum(n for _, n in parts) for name, parts in scores.items()}
 
 
-def _scored(content: Mapping[str, Any]) -> dict[str, float]:
-    """The Abs Rel of every estimator, by the digest of its file or, without one, by its name."""
+def _is_network(name: str) -> bool:
+    """Return whether a name is that of weights, whose file may have another path elsewhere."""
+    return name.partition(":")[0] == M3DEPTH
+
+
+def _scored(content: Mapping[str, Any]) -> list[tuple[str, str | None, float]]:
+    """Return the name of every estimator, the digest of its file and its Abs Rel.
+
+    Estimators whose holes were filled or left are left out, since no drive sees their depth.
+    """
     estimators = content.get("estimators")
     if estimators is None:
         weights = content["weights_sha256"]
@@ -58,8 +73,8 @@ def _scored(content: Mapping[str, Any]) -> dict[str, float]:
     errors = {
         method: float(result["depth"]["all"]["per_image"]["abs_rel"]) for method, result in content["methods"].items()
     }
-    return {
-        str(estimator["sha256"] or estimator["name"]): errors[column]
+    return [
+        (str(estimator["name"]), estimator["sha256"], errors[column])
         for column, estimator in estimators.items()
-        if column in errors
-    }
+        if column in errors and not str(estimator["name"]).endswith((",fill", ",unfilled"))
+    ]

@@ -90,7 +90,8 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
         for name, (over, middle, under) in zip(names, of_pair[:, 2:].T, strict=True):
             prediction = example.predictions[name]
             show(over, known_depths(prediction.depth), cmap=depth_map, norm=norm)
-            error = np.where(scored, np.abs(prediction.disparity - truth.disparity), np.nan)
+            disparity = np.where(np.isfinite(prediction.disparity), prediction.disparity, 0)  # unknown counts as 0 px
+            error = np.where(scored, np.abs(disparity - truth.disparity), np.nan)
             show(middle, error, cmap=colour_map("inferno"), norm=errors)
             note(middle, f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
             if prediction.normal is None:

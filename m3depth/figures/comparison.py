@@ -94,7 +94,7 @@ def _draw_depth(axes: Sequence[Axes], example: Example, name: str, depth_norm: N
     scored = example.scored
     show(axes[0], known_depths(depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
     relative = np.zeros(scored.shape)
-    relative[scored] = 100 * np.abs(capped_depth(depth) / np.where(scored, truth.depth, 1) - 1)[scored]
+    relative[scored] = 100 * np.abs(capped_depth(depth) / capped_depth(truth.depth) - 1)[scored]
     show(axes[1], np.ma.masked_array(relative, ~scored), cmap=colour_map(ERROR_MAP), norm=Normalize(0, ERROR_LIMIT))
     note(axes[0], "depth")
     note(axes[1], "depth error" + (f": mean {relative[scored].mean():.1f} %" if scored.any() else ""))

@@ -90,3 +90,28 @@ def test_one_file_scores_several_weights_and_classes(tmp_path):
     assert errors_on_test_set([file], digests) == dict(zip(digests, (0.1, 0.2, 0.3, 0.4), strict=True))
     changed = {"my_stereo:Blocks": "456", "m3depth": "abc"}
     assert errors_on_test_set([file], changed) == {"m3depth": 0.1}
+
+
+def test_columns_of_one_file_are_distinguished_by_their_names(tmp_path):
+    """Two classes of a module have its digest, and the filled depth of a network that of its weights."""
+    file = results(tmp_path / "r.json", "abc", A=0.01, B=0.5, M3Depth=0.2, filled=0.3, SGBM=0.4, unfilled=0.6)
+    estimators = {
+        "A": {"name": "mine:A", "sha256": "123"},
+        "B": {"name": "mine:B", "sha256": "123"},
+        "M3Depth": {"name": "m3depth", "sha256": "abc"},
+        "filled": {"name": "m3depth,fill", "sha256": "abc"},
+        "SGBM": {"name": "sgbm", "sha256": None},
+        "unfilled": {"name": "sgbm,unfilled", "sha256": None},
+    }
+    file.write_text(json.dumps({**json.loads(file.read_text()), "estimators": estimators}))
+    digests = {"mine:A": "123", "m3depth": "abc", "sgbm": None}
+    assert errors_on_test_set([file], digests) == {"mine:A": 0.01, "m3depth": 0.2, "sgbm": 0.4}
+
+
+def test_scores_of_degraded_images_are_not_averaged_with_others(tmp_path):
+    clean, degraded = results(tmp_path / "a.json", SGBM=0.1), results(tmp_path / "b.json", SGBM=0.3)
+    degraded.write_text(json.dumps({**json.loads(degraded.read_text()), "degrade": "blur=1"}))
+    assert errors_on_test_set([degraded, degraded], {"sgbm": None}) == {"sgbm": pytest.approx(0.3)}
+    message = r"b\.json: was scored with --degrade blur=1, .*a\.json with undegraded images; give results of one kind$"
+    with pytest.raises(DatasetError, match=message):
+        errors_on_test_set([clean, degraded], {"sgbm": None})

@@ -10,6 +10,7 @@ from small_network import SMALL
 
 from m3depth.ablation.maps import maps_figure, predicted
 from m3depth.evaluation.metrics import pixel_kinds
+from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.network.model import M3Depth
 
 
@@ -40,8 +41,19 @@ def test_every_row_has_the_maps_of_its_own_network(plane_samples, examples, tmp_
     for example, line in zip(examples, axes[1::3], strict=True):
         scored = pixel_kinds(example.truth)["all"]
         for ax, prediction in zip(line[2:], example.predictions.values(), strict=True):
-            error = np.nanmean(np.abs(prediction.disparity - example.truth.disparity)[scored])
+            error = np.abs(np.nan_to_num(prediction.disparity) - example.truth.disparity)[scored].mean()
             assert [text.get_text() for text in ax.texts] == [f"{error:.2f} px"]
+
+
+def test_a_pixel_without_a_disparity_counts_as_in_the_scores(plane_samples, examples, tmp_path, drawn_figures):
+    example = examples[0]
+    label, prediction = next(iter(example.predictions.items()))
+    disparity, depth = prediction.disparity.copy(), prediction.depth.copy()
+    disparity[::3] = depth[::3] = np.nan
+    silent = replace(prediction, disparity=disparity, depth=depth)
+    maps_figure([replace(example, predictions={label: silent})], tmp_path / "maps.png")
+    epe = Scores().add(silent, ScoredPair(plane_samples[0]))["epe"]
+    assert [text.get_text() for text in drawn_figures[0].axes[5].texts] == [f"{epe:.2f} px"]
 
 
 def test_a_row_without_normals_has_none(examples, tmp_path, drawn_figures):

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import angle_between, pixel_kinds
 from m3depth.evaluation.rock_scores import RockCounts, RockOutcome
+from m3depth.evaluation.scores import ScoredPair, Scores
 from m3depth.evaluation.scoring import evaluate
 from m3depth.figures.comparison import comparison_figure
 from m3depth.figures.drawing import LONGEST, depth_scale, legend_labels, method_styles
@@ -278,6 +279,20 @@ def test_normals_of_the_sky_are_not_compared(plane_samples, tmp_path, drawn_figu
     shown = drawn_figures[0].axes[6].images[0].get_array()
     grey, ground = shown[0, 0], shown[-1, 0]
     assert grey[0] == grey[1] == grey[2] and (shown[:10] == grey).all() and not (ground == grey).all()
+
+
+def test_the_depth_error_is_that_of_abs_rel_where_the_ground_is_farther_than_is_scored(
+    plane_samples, tmp_path, drawn_figures
+):
+    """Both depths end at 80 m."""
+    sample = plane_samples[0]
+    depth = sample.depth * np.float32(80 / np.median(sample.depth[np.isfinite(sample.depth)]))
+    sample = replace(sample, depth=depth, disparity=sample.rig.depth_to_disparity(depth))
+    near = Prediction(0.9 * depth, sample.disparity, sample.normal, np.ones_like(depth))
+    comparison_figure([example(sample, near=near)], tmp_path / "figure.png")
+    abs_rel = Scores().add(near, ScoredPair(sample))["abs_rel"]
+    notes = [text.get_text() for ax in drawn_figures[0].axes for text in ax.texts]
+    assert f"depth error: mean {100 * abs_rel:.1f} %" in notes and 0.01 < abs_rel < 0.099
 
 
 def test_labels_of_the_bars_do_not_meet_in_a_figure_of_one_method(plane_samples, tmp_path, drawn_figures):
