@@ -32,6 +32,7 @@ from method_records import (
     FAILED_ABS_REL,
     POOLED,
     RATIOS,
+    SHARES,
     check_same_pairs,
     of_all_places,
     other_renderings,
@@ -151,7 +152,7 @@ def _mean_abs_rel(of_set: Mapping[str, Any]) -> float:
 def pairs_of(of_set: Mapping[str, Any]) -> tuple[list[dict[str, float | None]], list[tuple[str, str]]]:
     """Return the figures of each pair of a set of a record, and its scene, which a place has for itself."""
     figures, scenes = [], []
-    for place, part in of_set["places"].items():
+    for place, part in sorted(of_set["places"].items()):  # in one order, so that pairs of two records meet
         columns = part["figures"]
         figures += [dict(zip(columns, values)) for values in zip(*columns.values(), strict=True)]
         scenes += [(place, scene) for scene in part["scenes"]]
@@ -172,7 +173,9 @@ def metrics(of_set: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str
     pairs, scenes = pairs_of(of_set)
     others, _ = pairs_of(reference)
     return {
-        name: figure(Term(title, partial(_of_image, name), ratio=name in RATIOS), pairs, scenes, others)
+        name: figure(
+            Term(title, partial(_of_image, name), ratio=name in RATIOS, share=name in SHARES), pairs, scenes, others
+        )
         for name, title in COLUMNS.items()
     }
 

@@ -39,6 +39,7 @@ class Term:
         title: Its heading.
         numbers: The two numbers of a pair's record; zeros for a pair without the figure.
         percent: Whether it is a share, shown in %.
+        share: Whether it is a share, which is 1 at most; all shown in % are.
         ratio: Whether its ratio to SGBM's is given.
     """
 
@@ -46,6 +47,7 @@ class Term:
     numbers: Callable[[Record], tuple[float, float]]
     percent: bool = False
     ratio: bool = False
+    share: bool = False
 
 
 def _mean(name: str, kind: str | None, record: Record) -> tuple[float, float]:
@@ -204,7 +206,7 @@ def figure(
         that have it, and where all samples of them have the same: this does not tell how others would differ.
     """
     numbers = np.array([term.numbers(record) for record in records])  # (pairs, 2)
-    most = 1.0 if term.percent else np.inf
+    most = 1.0 if term.percent or term.share else np.inf
     out: dict[str, Any] = dict(zip(("value", "interval"), _estimate(numbers, scenes, most), strict=True))
     if rivals is not None and term.ratio:
         both = np.hstack([numbers, [term.numbers(record) for record in rivals]])

@@ -69,14 +69,14 @@ def collect(file: Path, folders: Sequence[Path]) -> list[EpisodeRecord]:
     Raises:
         DatasetError: A folder holds no drive, or a file cannot be read.
     """
-    drives = {(d.perception, d.cell, d.episode): d for d in (read_drives(file) if file.exists() else [])}
+    drives = {_key(drive): drive for drive in (read_drives(file) if file.exists() else [])}
     for folder in folders:
         found = sorted((folder / "episodes").glob("*.json"))
         if not found:
             raise DatasetError(f"--folders {folder}: holds no drive of envs.evaluate")
         for path in found:
             drive = read_record(path)
-            drives.setdefault((drive.perception, drive.cell, drive.episode), drive)
+            drives.setdefault(_key(drive), drive)
     together = [drives[key] for key in sorted(drives)]
     if folders:
         lines = (json.dumps({k: v for k, v in asdict(d).items() if k not in LEFT_OUT}) for d in together)
@@ -84,16 +84,27 @@ def collect(file: Path, folders: Sequence[Path]) -> list[EpisodeRecord]:
     return together
 
 
+def _key(drive: EpisodeRecord) -> tuple[str, str, str, int]:
+    return drive.driver, drive.perception, drive.cell, drive.episode
+
+
 def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
     """Return a Markdown table of the perceptions over the courses that all have driven.
 
     Args:
-        drives: The drives, of one cell.
+        drives: The drives.
         order: Names of perceptions (name_of) in the order of the rows; differences are to the first.
 
     Raises:
-        ValueError: A perception is missing, or there is no course that all have driven.
+        ValueError: The drives are of several drivers or cells, a name stands for two perceptions, a perception is
+            missing, or there is no course that all have driven.
     """
+    for what, found in (("driver", {d.driver for d in drives}), ("cell", {d.cell for d in drives})):
+        if len(found) > 1:
+            raise ValueError(f"file must have the drives of one {what}, got {', '.join(sorted(found))}")
+    for name in order:
+        if len(same := {d.perception for d in drives if name_of(d.perception) == name}) > 1:
+            raise ValueError(f"order: {name} may be {' or '.join(sorted(same))}; collect them in files of their own")
     by_name: dict[str, dict[int, EpisodeRecord]] = {}
     for drive in drives:
         by_name.setdefault(name_of(drive.perception), {})[drive.episode] = drive

@@ -31,6 +31,7 @@ RATIOS = {
     "normal_mean": "mean error of the normals",
 }  # fmt: skip
 """The figures that are also given over those of the reference."""
+SHARES = {name for name in COLUMNS if name == "bad1" or name.startswith(("delta", "normal_within"))}
 FAILED_ABS_REL = 0.5  # a method fails on a pair if its Abs Rel is this or more
 
 

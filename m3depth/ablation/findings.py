@@ -186,7 +186,7 @@ def _change(column: Column, before_run: str, after_run: str) -> dict[str, Any]:
         change["by_seed"] = (second.mean(0) / first.mean(0) - 1).tolist()
         change["seed_interval"] = student_interval(np.array(change["by_seed"]))
         means = resampled_means(np.stack([first.mean(1), second.mean(1)], 1), column.scenes)
-        change["interval"] = interval(means[:, 1] / means[:, 0] - 1, change["here"], scenes)
+        change["interval"] = interval(means[:, 1] / means[:, 0] - 1, change["here"], scenes, within=(-1, np.inf))
     return change
 
 

@@ -529,6 +529,23 @@ def test_what_the_page_says_of_the_depth_corrected_by_normals_is_that_of_its_rec
             assert f"non-occluded EPE is {epe} times as large on clean pairs" in text
 
 
+def test_pairs_of_two_records_meet_in_any_order_of_their_places(compare_methods):
+    def of_set(places):
+        return {"places": {name: {"figures": {"abs_rel": [value]}, "scenes": ["0"]} for name, value in places}}
+
+    places = [("gale", 0.1), ("utopia", 0.4)]
+    assert compare_methods.pairs_of(of_set(places)) == compare_methods.pairs_of(of_set(places[::-1]))
+
+
+def test_intervals_of_shares_end_at_one(compare_methods):
+    delta = [0.9, *[1.0] * 5]
+    figures = {"delta1": delta, "normal_within_30": delta, "rmse": delta}
+    of_set = {"places": {"gale": {"figures": figures, "scenes": list("012345")}}}
+    found = compare_methods.metrics(of_set, of_set)
+    ends = {name: found[name]["interval"][1] for name in figures}
+    assert ends["delta1"] == ends["normal_within_30"] == 1 < ends["rmse"]
+
+
 def test_the_page_has_the_digests_of_the_weights_beside_it():
     (table,) = [table for table in tables("methods.md") if table[0] == DIGESTS]
     digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in WEIGHTS.glob("*.safetensors")}

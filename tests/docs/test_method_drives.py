@@ -62,3 +62,18 @@ def test_mistakes_are_one_line(tmp_path, method_drives: ModuleType, capsys) -> N
     assert f"--file {file}: line 1 is no drive" in capsys.readouterr().err
     with pytest.raises(ValueError, match="order must name perceptions of the file, sgbm, got lite"):
         method_drives.drives_table([DRIVE], ["lite", "sgbm"])
+
+
+def test_drives_of_another_driver_are_kept_and_not_mixed_in_a_table(tmp_path, method_drives: ModuleType) -> None:
+    file = tmp_path / "drives.jsonl"
+    straight = replace(DRIVE, driver="straight", outcome="collision")
+    method_drives.collect(file, [folder_of(tmp_path, DRIVE)])
+    drives = method_drives.collect(file, [folder_of(tmp_path / "other", straight)])
+    assert [(drive.driver, drive.outcome) for drive in drives] == [("navigator", "goal"), ("straight", "collision")]
+    with pytest.raises(ValueError, match=r"^file must have the drives of one driver, got navigator, straight$"):
+        method_drives.drives_table(drives, ["sgbm"])
+    with pytest.raises(ValueError, match=r"^file must have the drives of one cell, got k=0.15, slope=0, k=0.2$"):
+        method_drives.drives_table([DRIVE, replace(DRIVE, cell="k=0.2")], ["sgbm"])
+    weights = [replace(DRIVE, perception=f"m3depth:{folder}/lite.safetensors") for folder in "ab"]
+    with pytest.raises(ValueError, match=r"^order: lite may be m3depth:a/lite.safetensors or m3depth:b/lite"):
+        method_drives.drives_table(weights, ["lite"])

@@ -83,6 +83,14 @@ def test_views_of_a_scene_are_drawn_together() -> None:
     assert widths[5] / widths[1] == pytest.approx(5**0.5, rel=0.3)
 
 
+def test_no_interval_has_an_error_that_falls_by_more_than_all_of_it() -> None:
+    names = ("abs_rel", "sq_rel", "rmse", "delta1")
+    scores = {row.variant.name: {0: score(dict.fromkeys(names, np.ones(4)))} for row in STUDIES["levels"].rows}
+    scores["levels-3"] = {0: score(dict.fromkeys(names, np.array([0.01, 0.01, 0.01, 0.9])))}
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["here"] == pytest.approx(0.93 / 4 - 1) and part["interval"][0] == -1
+
+
 def test_one_scene_gives_no_interval_and_no_verdict(tmp_path, drawn_figures) -> None:
     pairs = {name: np.linspace(1, 2, 10) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}
     scores = {row.variant.name: {0: score(pairs, views=10)} for row in STUDIES["levels"].rows}
