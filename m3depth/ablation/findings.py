@@ -15,6 +15,7 @@ from marssim.base.command.wording import counted
 METHOD = "M3Depth"  # name of a run's network in its score
 PROVISIONAL = ", provisional"  # after a verdict of one seed
 # Names of the measures in sentences.
+INTERVALS = ("interval", "seed_interval", "typical_interval", "typical_seed_interval")  # of a change
 MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
 
 # What a run's score says of the sky, by the names here.
@@ -219,10 +220,15 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
 
 
 def _verdict(paper: float | None, change: Mapping[str, Any]) -> str | None:
-    """Return whether the changes in the paper and here agree, provisionally with one seed; None if one is not known."""
+    """Return whether the changes in the paper and here agree, provisionally with one seed; None if one is not known.
+
+    All intervals must lie on one side of zero, those of the geometric mean too: where a few images with large errors
+    decide the mean, its interval holds the true change too rarely.
+    """
     if paper is None or change["here"] is None or change["interval"] is None:
         return None
-    if any(ends[0] <= 0 <= ends[1] for ends in (change["interval"], change["seed_interval"]) if ends is not None):
+    ends = [bound for name in INTERVALS for bound in change[name] or ()]
+    if min(ends) <= 0 <= max(ends):
         return "undecided"
     verdict = "agrees" if (paper < 0) == (change["here"] < 0) else "disagrees"
     return verdict if len(change["by_seed"]) > 1 else verdict + PROVISIONAL

@@ -46,10 +46,11 @@ def markdown(about: Mapping[str, Any], studies: Mapping[str, Mapping[str, Any]])
         "Changes are relative. Their 95 % intervals over scenes are those of the paired bootstrap over the scenes of "
         "the test set, whose pairs are drawn together. They hold for the trained networks, without chance in training. "
         + ("" if one_seed else "Intervals over seeds are Student's, of the changes with each seed, and include it. ")
-        + "Agrees, disagrees: the intervals exclude zero, on the paper's side or on the other. Undecided: one of them "
-        "includes zero. Geometric mean: the change of the geometric mean of the images' figures, which a few images "
-        "with large errors do not decide; verdicts do not use it. Rows turned: pairs of rows in the opposite order of "
-        "the paper's." + (" Provisional: of one seed, so chance in training may decide." if provisional else ""),
+        + "Geometric mean: the change of the geometric mean of the images' figures. A few images with large errors do "
+        "not decide it, as they may the mean, whose interval then holds the true change less often than it says. "
+        "Agrees, disagrees: all intervals, those of the geometric mean too, lie on one side of zero, which is the "
+        "paper's or the other. Undecided: they do not. Rows turned: pairs of rows in the opposite order of the "
+        "paper's." + (" Provisional: of one seed, so chance in training may decide." if provisional else ""),
     ]
     lines += size_warning(studies.values()) + mixture_warning(studies.values())
     if failed := about.get("failed"):

@@ -116,6 +116,19 @@ def test_one_image_with_a_large_error_does_not_decide_the_geometric_mean() -> No
     assert "; geometric mean -" in part["sentence"]
 
 
+def test_a_mean_that_a_few_images_decide_gives_no_verdict() -> None:
+    """Its interval may lie beyond zero, but that of the geometric mean does not."""
+    images = np.full(40, 0.05)
+    images[:5] = 3.0
+    names = ("abs_rel", "sq_rel", "rmse", "delta1")
+    better = images * np.where(images > 1, 0.8, np.exp(0.2 * np.random.default_rng(0).normal(size=40)))
+    scores = {row.variant.name: {0: score(dict.fromkeys(names, images))} for row in STUDIES["levels"].rows}
+    scores["levels-3"] = {0: score(dict.fromkeys(names, better))}
+    part = findings(STUDIES["levels"], scores)["comparisons"][0]
+    assert part["interval"][1] < 0 < part["typical_interval"][1]
+    assert part["verdict"] == "undecided"
+
+
 def test_errors_of_zero_in_most_scenes_give_no_interval_and_no_verdict() -> None:
     """Samples of scenes without errors have no relative change."""
     pairs = {name: np.array([0.0, 0, 0, 1]) for name in ("abs_rel", "sq_rel", "rmse", "delta1")}

@@ -78,9 +78,7 @@ def test_verdicts_of_one_seed_are_counted_as_provisional() -> None:
         del by_seed[1]
     text = markdown({**ABOUT, "seeds": [0]}, {"levels": findings(STUDIES["levels"], scores)})
     assert "| Levels of the wavelet transform | 1, provisional | 1, provisional | 1 |" in text
-    assert (
-        "without chance in training. Agrees, disagrees: " in text and text.count("Provisional: of one seed, so ") == 1
-    )
+    assert "without chance in training. Geometric mean: " in text and text.count("Provisional: of one seed, so ") == 1
     scores = levels([1.0, 0.9, 0.8, 1.0])
     del scores["levels-5"][1]
     text = markdown({**ABOUT, "failed": ["levels-5-1"]}, {"levels": findings(STUDIES["levels"], scores)})
