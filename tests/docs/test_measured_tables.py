@@ -113,6 +113,46 @@ def test_intervals_hold_the_true_mean_as_often_as_the_page_says(courses: int, sh
     assert abs(np.mean(held) - plain) < 3 * np.sqrt(plain * (1 - plain) / len(held))
 
 
+def held(sums: np.ndarray, share: float) -> bool:
+    """Whether intervals of quotients of sums (scenes, 2), in samples of the scenes, hold that of all so often."""
+    rng, quotient, scenes = np.random.default_rng(0), lambda total: total[..., 0] / total[..., 1], len(sums)
+    found = []
+    for picks in rng.integers(0, scenes, (200, scenes)):
+        sample = sums[picks]
+        resampled = quotient(sample[rng.integers(0, scenes, (500, scenes))].sum(axis=1))
+        low, high = interval(resampled, quotient(sample.sum(axis=0)), scenes)
+        found.append(low <= quotient(sums.sum(axis=0)) <= high)
+    return abs(np.mean(found) - share) < 3 * np.sqrt(share * (1 - share) / len(found))
+
+
+@pytest.mark.parametrize(
+    ("method", "pairs", "share"),
+    [("lite", "clean", 0.95), ("SGBM", "clean", 0.94), ("SGBM", "degraded", 0.89), ("SSD-SGM", "clean", 0.63)],
+)
+def test_intervals_of_mean_abs_rel_hold_as_often_as_the_page_says(method: str, pairs: str, share: float) -> None:
+    """As docs/concepts/scoring-rules.md says of the methods compared: rarely where few scenes decide the mean."""
+    sums: dict[tuple[str, str], np.ndarray] = {}
+    record = json.loads((ROOT / f"methods/records/{method}.json").read_text())
+    for place, part in record["sets"][pairs]["places"].items():
+        for scene, error in zip(part["scenes"], part["figures"]["abs_rel"], strict=True):
+            sums[place, scene] = sums.get((place, scene), np.zeros(2)) + np.array([error, 1])
+    assert len(sums) == 102 and held(np.stack([*sums.values()]), share)
+
+
+def test_intervals_of_changes_in_the_ablation_hold_as_often_as_the_page_says() -> None:
+    """As the same page says: that of the geometric mean of the same two rows more often than that of the mean."""
+    errors: dict[str, dict[str, list[float]]] = {}
+    for row in ("base", "loss-1-2-3"):
+        for pair in json.loads((ROOT / f"ablation/runs/{row}-0/score.json").read_text())["per_pair"]:
+            errors.setdefault(pair["scene"], {}).setdefault(row, []).append(pair["M3Depth"]["abs_rel"])
+    before, after = (
+        np.array([np.sum(of_scene[row]) for of_scene in errors.values()]) for row in ("base", "loss-1-2-3")
+    )
+    logs = [np.log(np.divide(of_scene["loss-1-2-3"], of_scene["base"])) for of_scene in errors.values()]
+    assert len(errors) == 24 and held(np.column_stack([after, before]), 0.68)
+    assert held(np.array([[ratios.sum(), len(ratios)] for ratios in logs]), 0.88)
+
+
 @pytest.mark.parametrize("method", ["m3depth", "sgbm", "sad-sgm"])
 def test_success_over_conditions_with_the_same_courses_has_intervals_that_hold_it(method: str) -> None:
     """As docs/concepts/scoring-rules.md says of samples of the courses of these five conditions."""
