@@ -14,10 +14,12 @@ from m3depth.ablation.tables import markdown
 
 ROOT = Path(__file__).parents[2] / "docs/results"
 FOLDER = ROOT / "ablation"
+LITE = "lite/results.json"
 
 
 @pytest.mark.parametrize(
-    ("file", "folder"), [("three_seeds.json", "runs"), ("one_seed.json", "runs"), ("levels.json", "levels")]
+    ("file", "folder"),
+    [("three_seeds.json", "runs"), ("one_seed.json", "runs"), ("levels.json", "levels"), (LITE, "lite/runs")],
 )
 def test_the_tables_are_those_of_the_scores(file: str, folder: str) -> None:
     results = json.loads((FOLDER / file).read_text())
@@ -34,13 +36,16 @@ def test_the_tables_are_those_of_the_scores(file: str, folder: str) -> None:
     scores = {name: {s: json.loads(file.read_text()) for s, file in of_run.items()} for name, of_run in files.items()}
     assert {name: findings(study, scores) for name, study in chosen.items()} == studies
     _, report = markdown(results, studies).split("\n", 1)
-    report = re.sub(r"!\[(\w+)\]\(", r"![\1: the rows beside the paper](ablation/", report.replace("\n## ", "\n#### "))
-    assert report in (ROOT / "ablation.md").read_text()
+    page, level, figures, beside = "ablation.md", "####", "ablation/", "paper"
+    if file == LITE:
+        page, level, figures, beside = "ablation-lite.md", "###", "ablation/lite/", "unchanged network"
+    report = re.sub(r"!\[(\w+)\]\(", rf"![\1: the rows beside the {beside}]({figures}", report)
+    assert report.replace("\n## ", f"\n{level} ") in (ROOT / page).read_text()
 
 
 def test_every_run_says_which_network_it_is() -> None:
-    runs = [*(FOLDER / "runs").iterdir(), *(FOLDER / "levels").iterdir()]
-    assert len(runs) > 20 and all((run / "network.json").is_file() for run in runs)
+    runs = [run for folder in ("runs", "levels", "lite/runs") for run in (FOLDER / folder).iterdir()]
+    assert len(runs) > 35 and all((run / "network.json").is_file() for run in runs)
 
 
 def test_two_trainings_of_one_network_often_differ_beyond_the_interval_over_scenes() -> None:
@@ -57,3 +62,57 @@ def test_two_trainings_of_one_network_often_differ_beyond_the_interval_over_scen
     text = " ".join((ROOT / "ablation.md").read_text().split())
     said = re.search(r"in (\d+) of 15 such comparisons for Abs Rel and in (\d+) for the mean error of the norm", text)
     assert said is not None and list(map(int, said.groups())) == list(excluded.values())
+
+
+def test_the_page_of_lite_says_what_the_scores_without_weights_of_pixels_are() -> None:
+    text = " ".join((ROOT / "ablation-lite.md").read_text().split())
+    scores = [json.loads((FOLDER / f"lite/runs/{run}-0/score.json").read_text()) for run in ("base", "loss-plain")]
+    results = [score["result"] for score in scores]
+    near, far = ([mean_abs_rel(result, side) for result in results] for side in (True, False))
+    assert f"an Abs Rel of {near[0]:.3f} with them and {near[1]:.3f} without" in text
+    assert f"From 2 m on, it is {far[0]:.3f} with them and {far[1]:.3f} without" in text
+    errors = [[pair["M3Depth"]["abs_rel"] for pair in score["per_pair"]] for score in scores]
+    better = sum(one < other for one, other in zip(*errors, strict=True))
+    assert f"{better} of the {len(errors[0])} images are more accurate with them" in text
+    rocks = [result["rocks"]["standing_0.2_m_within_8_m"] for result in results]
+    found = [each["both_eyes_found"] for each in rocks]
+    assert f"of the {rocks[0]['both_eyes']} rocks of 0.2 m and more within 8 m that both eyes see, {found[0]}" in text
+    assert (
+        f"found instead of {found[1]}, with {rocks[0]['false']} false obstacles instead of {rocks[1]['false']}" in text
+    )
+    epe = [result["depth"]["rock"]["pooled"]["epe"] for result in results]
+    on_rocks, on_ground = ([result["normal"][on]["pooled"]["mean"] for result in results] for on in ("rock", "ground"))
+    assert f"EPE is {epe[0]:.1f} px instead of {epe[1]:.1f}" in text
+    assert f"{on_rocks[0]:.0f}° instead of {on_rocks[1]:.0f}°" in text
+    assert f"{on_ground[0]:.1f}° instead of {on_ground[1]:.1f}°" in text
+
+
+def mean_abs_rel(result: dict, near: bool) -> float:
+    """Abs Rel over all pixels nearer than 2 m, or over the others."""
+    intervals = [each for each in result["intervals"] if each["pixels"] and (each["to_m"] <= 2) == near]
+    pixels = sum(each["pixels"] for each in intervals)
+    return sum(each["pixels"] * each["pooled"]["abs_rel"] for each in intervals) / pixels
+
+
+def test_the_page_of_lite_gives_the_changes_of_its_tables() -> None:
+    """The changes of the geometric mean, in bullets, beside those of the report below them."""
+    page = (ROOT / "ablation-lite.md").read_text()
+    said, report = (" ".join(part.split()) for part in page.split("## Tables"))
+    given = {
+        "-3.3 %, -12.6 to +8.4 %",
+        "(-6.0 %)",
+        "(-3.2 %)",
+        "(-2.9 %)",
+        "(-2.0 %)",
+        "(-0.9 %)",
+        "(-0.5 %)",
+        "(+0.1 %)",
+    }
+    for figure in given:
+        assert figure in said and f"geometric mean {figure.strip('()')}" in report, figure
+    for rounded, exact in (
+        ("27 % (21 to 32 %)", "-26.6 %, -31.8 to -21.1 %"), ("15 % (12 to 18 %)", "-14.8 %, -18.2 to -11.6 %"),
+        ("20 % (15 to 25 %)", "-19.9 %, -25.1 to -14.9 %"), ("12 % (9 to 15 %)", "-11.9 %, -14.8 to -8.6 %"),
+        ("11 % (8 to 15 %)", "-11.1 %, -14.8 to -7.8 %"),
+    ):  # fmt: skip
+        assert rounded in said and f"geometric mean {exact}" in report, rounded
