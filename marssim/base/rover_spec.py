@@ -106,7 +106,7 @@ class RoverSpec:
     wheel_width: float = 0.20
     """Width of the wheels [m]."""
     wheel_x: tuple[float, float, float] = (0.65, 0.0, -0.65)
-    """Positions of the front, middle and rear axle along x [m]."""
+    """Positions of the front, middle and rear axle along x [m]; the origin is midway between the front and the rear."""
     track: float = 1.20
     """Distance between the centres of the left and the right wheels [m]."""
     chassis_size: tuple[float, float, float] = (1.10, 0.80, 0.40)
@@ -136,6 +136,11 @@ class RoverSpec:
     def __post_init__(self) -> None:
         if len(self.wheel_x) != 3 or not self.wheel_x[0] > self.wheel_x[1] > self.wheel_x[2]:
             raise ValueError(f"wheel_x must be three axles from front to rear [m], got {self.wheel_x}")
+        if not abs(self.wheel_x[0] + self.wheel_x[2]) < SHORTEST:
+            raise ValueError(
+                f"wheel_x must have the origin midway between the front and the rear axle [m], got {self.wheel_x}; "
+                "move the origin, and the cameras' mount with it"
+            )
         if len(self.chassis_size) != 3 or not all(SHORTEST <= side <= LONGEST for side in self.chassis_size):
             raise ValueError(f"chassis_size must be three lengths up to {LONGEST:g} m, got {self.chassis_size}")
         _check(self, SHORTEST, LONGEST, "m", "wheel_radius", "wheel_width", "track", "obstacle_height")

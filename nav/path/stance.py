@@ -55,9 +55,8 @@ class StanceModel:
         left = side.mean(axis=-2)
         bank = (left[..., 0] - left[..., 1]) / spec.track  # of the ground, to the left
         tilt = np.arctan(np.hypot(rise, bank))
-        floor = (
-            wheel.mean(axis=-1)[..., None] + rise[..., None] * self._under[:, 0] + bank[..., None] * self._under[:, 1]
-        )
+        ahead, across = self._under[:, 0] - np.mean(axles), self._under[:, 1]  # from the middle of the six wheels
+        floor = wheel.mean(axis=-1)[..., None] + rise[..., None] * ahead + bank[..., None] * across
         room = (floor + spec.belly_clearance - self._sample(self._belly, poses, self._under)).min(axis=-1)
         return Stance(np.where(known, tilt, 0.0), np.where(known, room, np.inf))
 

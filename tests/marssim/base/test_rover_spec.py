@@ -46,6 +46,7 @@ def test_a_mast_follows_from_the_place_of_its_left_eye(pan):
         ({"max_steer": -0.1}, "max_steer must lie in"), ({"wheel_radius": np.nan}, "wheel_radius must lie in"),
         ({"max_speed": 0.0}, "max_speed must lie in"), ({"mass": 0.0}, "mass must be above 0"),
         ({"wheel_x": (0.3, -0.3)}, "wheel_x must be three"), ({"wheel_x": (-0.6, 0, 0.6)}, "wheel_x must be three"),
+        ({"wheel_x": (1.3, 0.65, 0.0)}, "wheel_x must have the origin midway between the front and the rear axle"),
         ({"chassis_size": (1100, 800, 400)}, "chassis_size must be three lengths"),
     ],
 )  # fmt: skip

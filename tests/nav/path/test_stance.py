@@ -29,6 +29,14 @@ def test_across_and_along_a_slope_the_tilt_is_exact(yaw):
     assert np.rad2deg(place.tilt) == pytest.approx(15, abs=0.01)
 
 
+@pytest.mark.parametrize("slope_deg", [-20, 20])
+def test_the_belly_has_as_much_room_up_and_down_a_slope_wherever_the_middle_axle_is(slope_deg):
+    slope = map_of_height(lambda x, y: np.tan(np.deg2rad(slope_deg)) * x)
+    symmetric, ahead = (replace(ZHURONG, wheel_x=(0.6, middle, -0.6)) for middle in (0.0, 0.3))
+    rooms = [StanceModel(slope, spec).at(np.array([0.05, 0.05, 0.0])).clearance for spec in (symmetric, ahead)]
+    assert rooms[1] == pytest.approx(rooms[0], abs=1e-4)
+
+
 def test_a_wheel_on_a_stone_tilts_and_a_stone_under_the_belly_takes_room():
     stone = map_of_height(lambda x, y: 0.25 * (np.hypot(x - 0.65, y - 0.6) < 0.15))
     place = StanceModel(stone, ZHURONG).at(np.zeros(3))
