@@ -186,12 +186,26 @@ def _of_image(name: str, record: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def spread(of_set: Mapping[str, Any]) -> dict[str, float]:
-    """Return how Abs Rel is spread over the pairs of a set: the median, and the share of pairs that failed.
+    """Return how Abs Rel is spread over the pairs of a set.
 
     A few pairs with very large errors can determine the mean; the median shows the others.
+
+    Returns:
+        "median"; "failed", the share of pairs that failed; and "largest_scene", the share that the scene with the
+        largest errors has in their sum.
     """
-    errors = np.array([pair["abs_rel"] for pair in pairs_of(of_set)[0] if pair["abs_rel"] is not None])
-    return {"median": float(np.median(errors)), "failed": float((errors >= FAILED_ABS_REL).mean())}
+    pairs, scenes = pairs_of(of_set)
+    known = [(pair["abs_rel"], scene) for pair, scene in zip(pairs, scenes, strict=True) if pair["abs_rel"] is not None]
+    errors = np.array([error for error, _ in known])
+    sums: dict[tuple[str, str], float] = {}
+    for error, scene in known:
+        sums[scene] = sums.get(scene, 0.0) + error
+    total = float(errors.sum())
+    return {
+        "median": float(np.median(errors)),
+        "failed": float((errors >= FAILED_ABS_REL).mean()),
+        "largest_scene": max(sums.values()) / total if total else 0.0,
+    }
 
 
 def intervals(of_set: Mapping[str, Any]) -> dict[str, Any]:

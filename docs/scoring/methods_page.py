@@ -133,10 +133,19 @@ def _set_section(name: str, part: Mapping[str, Any], runs: Mapping[str, Any], re
         if label != reference
     ]
     lines += ["", *table(["method", *RATIOS.values()], cells)]
-    lines += ["", "Abs Rel over the pairs:", ""]
+    lines += [
+        "",
+        "Abs Rel over the pairs. Where one scene has a tenth of the sum or more, intervals of the mean hold less",
+    ]
+    lines[-1] += " often than 95 %:"
+    lines += [""]
     spreads = [(titles[label], part["spread"][label]) for label in order]
-    cells = [[title, number(each["median"]), f"{100 * each['failed']:.1f} %"] for title, each in spreads]
-    lines += table(["method", "median", f"pairs of {FAILED_ABS_REL:g} or more"], cells)
+    cells = [
+        [title, number(each["median"]), *(f"{100 * each[share]:.1f} %" for share in ("failed", "largest_scene"))]
+        for title, each in spreads
+    ]
+    columns = ["median", f"pairs of {FAILED_ABS_REL:g} or more", "share of one scene in the sum"]
+    lines += table(["method", *columns], cells)
     over_scenes = any("mae_interval" in row for each in part["intervals"].values() for row in each["intervals"])
     known = ", with 95 % intervals over scenes for methods whose scores have them" if over_scenes else ""
     lines += [

@@ -133,7 +133,8 @@ def measured(compare_methods, monkeypatch) -> None:
 def test_failed_pairs_are_told_by_their_share_and_the_others_by_the_median(compare_methods):
     figures = {"a": [0.1, 0.2, 0.5], "b": [0.3, 40.0, None]}
     places = {name: {"figures": {"abs_rel": values}, "scenes": ["0", "1", "2"]} for name, values in figures.items()}
-    assert compare_methods.spread({"places": places}) == {"median": 0.3, "failed": 0.4}
+    spread = compare_methods.spread({"places": places})
+    assert spread == {"median": 0.3, "failed": 0.4, "largest_scene": pytest.approx(40 / 41.1)}
 
 
 def flags(scores: Path, out: Path, *runs: Path) -> list[str]:
@@ -158,7 +159,11 @@ def test_scores_and_runs_become_one_page(compare_methods, folders, measured, tmp
     assert clean["metrics"]["SGBM"]["normal_mean"]["ratio"] == pytest.approx(0.08 / 0.03)  # of the fitted planes
     assert clean["metrics"]["mine"]["visible_epe"]["value"] == pytest.approx(0.015)
     assert "ratio" not in clean["metrics"]["mine"]["rmse"]
-    assert clean["spread"]["mine"] == {"median": pytest.approx(0.03), "failed": 0.0}
+    assert clean["spread"]["mine"] == {
+        "median": pytest.approx(0.03),
+        "failed": 0.0,
+        "largest_scene": pytest.approx(2 / 3),
+    }
     third = clean["intervals"]["mine"]["intervals"][2]
     assert third["pixels"] == 400 and third["pooled"]["mae"] == pytest.approx((0.1 + 3 * 0.3) / 4)
     assert third["pooled"]["rmse"] == pytest.approx(((0.1**2 + 3 * 0.3**2) / 4) ** 0.5)
