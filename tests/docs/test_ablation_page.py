@@ -85,6 +85,10 @@ def test_the_page_of_lite_says_what_the_scores_without_weights_of_pixels_are() -
     assert f"EPE is {epe[0]:.1f} px instead of {epe[1]:.1f}" in text
     assert f"{on_rocks[0]:.0f}° instead of {on_rocks[1]:.0f}°" in text
     assert f"{on_ground[0]:.1f}° instead of {on_ground[1]:.1f}°" in text
+    methods = json.loads((ROOT / "methods/methods.json").read_text())["sets"]["clean"]["intervals"]
+    given = ("geo-net", "fusion", "fusion-true-depth", "lite, depth alone")  # which get the depth
+    near_errors = {name: of["intervals"][1]["pooled"]["mae"] for name, of in methods.items() if name not in given}
+    assert near_errors["lite"] == min(near_errors.values()) and f", {near_errors['lite']:.4f} m on clean pairs" in text
 
 
 def mean_abs_rel(result: dict, near: bool) -> float:
