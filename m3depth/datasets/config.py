@@ -38,7 +38,8 @@ class DataConfig:
 
     format: Format = "auto"
     """Layout of the dataset folders; auto recognises it by the files in them.
-    list is a text file with lines of "left right disparity"; folder finds files by patterns.
+    list is a text file with lines of "left right disparity", paths with spaces in double quotes; folder finds files by
+    patterns.
     """
     left: str | None = None
     """Pattern of the left images below --data, such as left/*.png (--format folder).

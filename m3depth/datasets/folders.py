@@ -12,6 +12,8 @@ from m3depth.datasets.maps import Kind
 from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, is_above_zero
 from marssim.base.files.json_file import DatasetError
 
+WORDS = re.compile(r'"([^"]+)"(?!\S)|(\S+)')  # of a line of a list
+
 
 def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[PairFiles]:
     """Yield pairs found by patterns: two images and a map belong together where their * stand for the same text.
@@ -157,11 +159,13 @@ def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConf
 
 
 def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
-    """Return the words of each line of a list; empty lines, and those that begin with #, do not count.
+    """Return the paths in each line of a list; empty lines, and those that begin with #, do not count.
+
+    Spaces separate the paths, and a path with spaces stands in double quotes.
 
     Args:
         file: The list.
-        counts: How many words a line may have.
+        counts: How many paths a line may have.
 
     Raises:
         DatasetError: The list is missing or a line is malformed; the message names list and line.
@@ -174,10 +178,10 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
         raise DatasetError(f"{file}: is not a text file") from None
     rows = []
     for number, line in enumerate(lines, 1):
-        words = [] if line.lstrip().startswith("#") else line.split()
+        words = [] if line.lstrip().startswith("#") else ["".join(word) for word in WORDS.findall(line)]
         if words and len(words) not in counts:
             wanted = "left, right and disparity" if 2 not in counts else "left and right"
-            hint = "; paths with spaces need --left and --right" if len(words) > max(counts) else ""
+            hint = "; put paths with spaces in double quotes" if len(words) > max(counts) else ""
             raise DatasetError(f"{file}, line {number}: expected {wanted}, got {line.strip()!r}{hint}")
         if words:
             rows.append(words)

@@ -13,7 +13,7 @@ import tyro
 
 from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
-from m3depth.datasets.folders import matches
+from m3depth.datasets.folders import matches, read_list
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.open import detect, open_pairs
 from m3depth.datasets.pair_files import SHIFT_KEY
@@ -663,6 +663,18 @@ def test_a_list_of_pairs(tmp_path) -> None:
     put(tmp_path / "mine.txt", "a/0_left.jpg a/0_right.jpg\n")
     with pytest.raises(DatasetError, match=r"mine\.txt, line 1: expected left, right and disparity"):
         open_pairs(tmp_path / "mine.txt", "all", config)
+
+
+def test_paths_with_spaces_are_quoted_in_a_list(tmp_path) -> None:
+    lines = '"my set/left 0.png" right.png map.pfm\n  a"b.png\t"c d.png"  "e.pfm"\n\n# x y\n'
+    put(tmp_path / "mine.txt", lines)
+    assert read_list(tmp_path / "mine.txt", (3,)) == [
+        ["my set/left 0.png", "right.png", "map.pfm"],
+        ['a"b.png', "c d.png", "e.pfm"],
+    ]
+    put(tmp_path / "mine.txt", "my set/0.png right.png map.pfm\n")
+    with pytest.raises(DatasetError, match=r"line 1: expected left, right and disparity, .* in double quotes$"):
+        read_list(tmp_path / "mine.txt", (3,))
 
 
 def test_distances_along_the_ray_are_read_as_depth(tmp_path) -> None:
