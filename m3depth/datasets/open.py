@@ -109,6 +109,8 @@ def detect(path: Path, config: DataConfig) -> Format:
         exported: dict[str, Format] = {sign[0]: sign[0] for sign in SIGNS} | {"openstereo": "list"}
         if name in exported:
             return exported[name]
+        if (bag := next((each.parent for each in sorted(path.glob("*/*/metadata.yaml"))), None)) is not None:
+            raise DatasetError(f"{path}: holds ROS 2 bags and no dataset; m3depth.predict takes one of them, as {bag}")
     if (layout := _layout_by_signs(path)) is not None:
         return layout
     for above in path.resolve().parents[:2]:

@@ -677,6 +677,19 @@ def test_paths_with_spaces_are_quoted_in_a_list(tmp_path) -> None:
         read_list(tmp_path / "mine.txt", (3,))
 
 
+def test_a_folder_of_exported_bags_names_one_of_them(tmp_path) -> None:
+    put(tmp_path / "export.json", json.dumps({"format": "rosbag2"}))
+    with pytest.raises(DatasetError, match="holds no dataset of marssim"):
+        open_pairs(tmp_path, "all")
+    for scene in ("00001", "00000"):
+        put(tmp_path / "train" / scene / "metadata.yaml", "rosbag2_bagfile_information:\n")
+    message = (
+        rf"^{tmp_path}: holds ROS 2 bags and no dataset; m3depth.predict takes one of them, as {tmp_path}/train/00000$"
+    )
+    with pytest.raises(DatasetError, match=message):
+        open_pairs(tmp_path, "all")
+
+
 def test_distances_along_the_ray_are_read_as_depth(tmp_path) -> None:
     """The distances of a wall at 3 m, by the points of its pixels, and the sky."""
     u, v = np.meshgrid(np.arange(W), np.arange(H))
