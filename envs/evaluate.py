@@ -389,7 +389,7 @@ def _work(config: EvaluateConfig) -> None:
         f"{rows} in {config.out / 'results.json'}, drives in {config.out / 'maps'}, for the browser in "
         f"{config.out / 'results.html'}; {page} defines the columns"
     )
-    note_drives_left_out(config)
+    note_drives_left_out(with_suite(config))
 
 
 if __name__ == "__main__":

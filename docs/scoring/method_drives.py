@@ -67,7 +67,8 @@ def collect(file: Path, folders: Sequence[Path]) -> list[EpisodeRecord]:
     """Add the drives of folders to a file, and return all, in the order of perception and course.
 
     Raises:
-        DatasetError: A folder holds no drive, or a file cannot be read.
+        DatasetError: A folder holds no drive, a file cannot be read, or the drives cannot be compared; then the file
+            stays as it is.
     """
     drives = {_key(drive): drive for drive in (read_drives(file) if file.exists() else [])}
     for folder in folders:
@@ -78,6 +79,7 @@ def collect(file: Path, folders: Sequence[Path]) -> list[EpisodeRecord]:
             drive = read_record(path)
             drives.setdefault(_key(drive), drive)
     together = [drives[key] for key in sorted(drives)]
+    check_comparable(file, together)
     if folders:
         lines = (json.dumps({k: v for k, v in asdict(d).items() if k not in LEFT_OUT}) for d in together)
         write_atomically(file, "".join(line + "\n" for line in lines).encode())
@@ -88,23 +90,33 @@ def _key(drive: EpisodeRecord) -> tuple[str, str, str, int]:
     return drive.driver, drive.perception, drive.cell, drive.episode
 
 
+def check_comparable(file: Path, drives: Sequence[EpisodeRecord]) -> None:
+    """Raise DatasetError if drives are of several drivers or cells, or of two perceptions with one name (name_of).
+
+    Args:
+        file: The file that the drives are for, which the message names.
+        drives: The drives.
+    """
+    for what, found in (("driver", {d.driver for d in drives}), ("cell", {d.cell for d in drives})):
+        if len(found) > 1:
+            raise DatasetError(f"--file {file}: can hold the drives of one {what}, not of {', '.join(sorted(found))}")
+    perceptions: dict[str, str] = {}
+    for drive in drives:
+        other = perceptions.setdefault(name_of(drive.perception), drive.perception)
+        if other != drive.perception:
+            raise DatasetError(f"--file {file}: both {other} and {drive.perception} would be {name_of(other)} in it")
+
+
 def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
     """Return a Markdown table of the perceptions over the courses that all have driven.
 
     Args:
-        drives: The drives.
+        drives: The drives, which check_comparable has passed.
         order: Names of perceptions (name_of) in the order of the rows; differences are to the first.
 
     Raises:
-        ValueError: The drives are of several drivers or cells, a name stands for two perceptions, a perception is
-            missing, or there is no course that all have driven.
+        ValueError: A perception is missing, or there is no course that all have driven.
     """
-    for what, found in (("driver", {d.driver for d in drives}), ("cell", {d.cell for d in drives})):
-        if len(found) > 1:
-            raise ValueError(f"file must have the drives of one {what}, got {', '.join(sorted(found))}")
-    for name in order:
-        if len(same := {d.perception for d in drives if name_of(d.perception) == name}) > 1:
-            raise ValueError(f"order: {name} may be {' or '.join(sorted(same))}; collect them in files of their own")
     by_name: dict[str, dict[int, EpisodeRecord]] = {}
     for drive in drives:
         by_name.setdefault(name_of(drive.perception), {})[drive.episode] = drive

@@ -42,12 +42,13 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
         folder: The --out of that command.
         size: Width of the pairs [px].
 
-    Returns: By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
-    "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
-    none), "intervals" (errors by true depth), "scene_intervals" (by scene and interval, the number of pixels and the
-    sum of their absolute errors [m]; {} for scores of earlier versions), "gets_truth", "normals_are_fitted" (whether
-    the normals are those of planes that are fitted to the depth), "weights_sha256" (None without weights), "runtime"
-    (None for methods that are not named m3depth) and "commit" (of the code).
+    Returns:
+        By method and set of the manifest "degrade", and "places" by their name: "data" (the digest of the pairs),
+        "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
+        none), "intervals" (errors by true depth), "scene_intervals" (by scene and interval, the number of pixels and
+        the sum of their absolute errors [m]; {} for scores of earlier versions), "gets_truth", "normals_are_fitted"
+        (whether the normals are those of planes that are fitted to the depth), "weights_sha256" (None without weights),
+        "runtime" (None for methods that are not named m3depth) and "commit" (of the code).
 
     Raises:
         DatasetError: There are none, the places do not have the same methods, or two have other weights of a method.

@@ -50,12 +50,16 @@ def noted_of(folder: ResultFolder, config: EvaluateConfig, driving: bool) -> dic
 
 
 def note_drives_left_out(config: EvaluateConfig) -> None:
-    """Print a note if the folder holds finished drives of other drivers, perceptions or courses than those named."""
+    """Print a note if the folder holds finished drives of other drivers, perceptions or courses than those named.
+
+    Args:
+        config: The settings, with those of its suite.
+    """
     named, folder = {task.file for task in config.tasks}, config.out / "episodes"
     if others := sum(file.name not in named for file in folder.glob("*.json")):
         print(
-            f"note: {folder} also holds {counted(others, 'drive')} that the flags leave out, and so do the results; "
-            "name all drivers, perceptions and courses to report them together",
+            f"note: {folder} also holds {counted(others, 'drive')} of drivers, perceptions or courses that the flags "
+            "leave out, and so do the results",
             file=sys.stderr,
         )
 

@@ -14,8 +14,8 @@ from marssim.base.command.wording import counted
 
 METHOD = "M3Depth"  # name of a run's network in its score
 PROVISIONAL = ", provisional"  # after a verdict of one seed
-# Names of the measures in sentences.
 INTERVALS = ("interval", "seed_interval", "typical_interval", "typical_seed_interval")  # of a change
+# Names of the measures in sentences.
 MEASURED = {"abs_rel": "Abs Rel", "normal_mean": "the mean error of the normals"}
 
 # What a run's score says of the sky, by the names here.
@@ -228,7 +228,7 @@ def _verdict(paper: float | None, change: Mapping[str, Any]) -> str | None:
     if paper is None or change["here"] is None or change["interval"] is None:
         return None
     ends = [bound for name in INTERVALS for bound in change[name] or ()]
-    if min(ends) <= 0 <= max(ends):
+    if change["typical_interval"] is None or min(ends) <= 0 <= max(ends):
         return "undecided"
     verdict = "agrees" if (paper < 0) == (change["here"] < 0) else "disagrees"
     return verdict if len(change["by_seed"]) > 1 else verdict + PROVISIONAL

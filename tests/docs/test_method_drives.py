@@ -1,12 +1,14 @@
 """Drives of several perceptions, collected in one file: none is lost or counted twice, and the table pairs courses."""
 
 import json
+import re
 from dataclasses import asdict, replace
 from types import ModuleType
 
 import pytest
 
 from envs.drives.episodes import EpisodeRecord
+from marssim.base.files.json_file import DatasetError
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.15, slope=0", episode=0, outcome="goal", steps=60, distance=0.8,
@@ -64,16 +66,19 @@ def test_mistakes_are_one_line(tmp_path, method_drives: ModuleType, capsys) -> N
         method_drives.drives_table([DRIVE], ["lite", "sgbm"])
 
 
-def test_drives_of_another_driver_are_kept_and_not_mixed_in_a_table(tmp_path, method_drives: ModuleType) -> None:
+def test_drives_that_cannot_be_compared_leave_the_file_as_it_is(tmp_path, method_drives: ModuleType) -> None:
     file = tmp_path / "drives.jsonl"
-    straight = replace(DRIVE, driver="straight", outcome="collision")
-    method_drives.collect(file, [folder_of(tmp_path, DRIVE)])
-    drives = method_drives.collect(file, [folder_of(tmp_path / "other", straight)])
-    assert [(drive.driver, drive.outcome) for drive in drives] == [("navigator", "goal"), ("straight", "collision")]
-    with pytest.raises(ValueError, match=r"^file must have the drives of one driver, got navigator, straight$"):
-        method_drives.drives_table(drives, ["sgbm"])
-    with pytest.raises(ValueError, match=r"^file must have the drives of one cell, got k=0.15, slope=0, k=0.2$"):
-        method_drives.drives_table([DRIVE, replace(DRIVE, cell="k=0.2")], ["sgbm"])
-    weights = [replace(DRIVE, perception=f"m3depth:{folder}/lite.safetensors") for folder in "ab"]
-    with pytest.raises(ValueError, match=r"^order: lite may be m3depth:a/lite.safetensors or m3depth:b/lite"):
-        method_drives.drives_table(weights, ["lite"])
+    method_drives.collect(file, [folder_of(tmp_path, replace(DRIVE, perception=LITE))])
+    before = file.read_bytes()
+    other = LITE.replace("weights", "others")
+    for number, (change, message) in enumerate(
+        (
+            ({"driver": "straight"}, f"--file {file}: can hold the drives of one driver, not of navigator, straight"),
+            ({"cell": "k=0.2"}, f"--file {file}: can hold the drives of one cell, not of k=0.15, slope=0, k=0.2"),
+            ({"perception": other}, f"--file {file}: both {other} and {LITE} would be lite in it"),
+        )
+    ):
+        folder = folder_of(tmp_path / str(number), replace(DRIVE, **{"perception": LITE, "episode": 1, **change}))
+        with pytest.raises(DatasetError, match=f"^{re.escape(message)}$"):
+            method_drives.collect(file, [folder])
+        assert file.read_bytes() == before

@@ -1,7 +1,9 @@
 import json
+from dataclasses import replace
 
 import pytest
 
+import envs.evaluate
 from envs.drives.config import EvaluateConfig
 from envs.drives.suite_drives import values_of, with_suite
 from envs.evaluate import evaluate, main
@@ -32,6 +34,20 @@ def test_the_results_of_a_suite_hold_every_episode(suite_run):
     page = (suite_run / "results.md").read_text()
     assert page.startswith("Driven with --suite small-v1, --split dev.\n")
     assert "| straight | ground_truth | rare_looks |" in page
+
+
+def test_finished_drives_of_a_suite_are_not_left_out(small_suite, make_suite_config, tmp_path, capsys, monkeypatch):
+    config = make_suite_config(small_suite, tmp_path)
+    (tmp_path / "episodes").mkdir()
+    tasks = with_suite(config).tasks
+    for task in tasks:
+        (tmp_path / "episodes" / task.file).write_text("{}")
+    (tmp_path / "results.md").write_text("")
+    monkeypatch.setattr("envs.evaluate.evaluate", lambda config: {"results": []})
+    envs.evaluate._work(config)
+    assert capsys.readouterr().err == "" and len(tasks) > 1
+    envs.evaluate._work(replace(config, episodes=1))
+    assert f"also holds {len(tasks) // 2} drive" in capsys.readouterr().err
 
 
 def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite, make_suite_config, tmp_path):
