@@ -73,3 +73,9 @@ def photometric_residual():
 def method_drives():
     """docs/scoring/method_drives.py."""
     return _script("method_drives", SCORING)
+
+
+@pytest.fixture(scope="session")
+def rover_in_view():
+    """docs/scoring/rover_in_view.py."""
+    return _script("rover_in_view", SCORING)

@@ -5,12 +5,14 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from m3depth.ablation.config import AblateOptions
 from m3depth.ablation.findings import _change, _column, findings
 from m3depth.ablation.studies import distinct
 from m3depth.ablation.tables import markdown
+from m3depth.evaluation.bootstrap import interval, resampled_means
 
 ROOT = Path(__file__).parents[2] / "docs/results"
 FOLDER = ROOT / "ablation"
@@ -64,59 +66,109 @@ def test_two_trainings_of_one_network_often_differ_beyond_the_interval_over_scen
     assert said is not None and list(map(int, said.groups())) == list(excluded.values())
 
 
-def test_the_page_of_lite_says_what_the_scores_without_weights_of_pixels_are() -> None:
+def abs_rel_without_rover(run: str) -> np.ndarray:
+    """Abs Rel of each test pair, (72,), without the pixels of the rover."""
+    rover, score = (json.loads((FOLDER / f"lite/{file}.json").read_text()) for file in ("rover", f"runs/{run}-0/score"))
+    figures = {pair["pair"]: pair["M3Depth"]["abs_rel"] for pair in score["per_pair"]}
+    return np.array([*(figures | {pair: of["abs_rel"] for pair, of in rover[f"{run}-0"].items()}).values()])
+
+
+def typical_change(before: str, after: str) -> tuple[float, float, float]:
+    """The change of the geometric mean of Abs Rel without the rover, and its interval over scenes [%]."""
+    ratios = np.log(abs_rel_without_rover(after) / abs_rel_without_rover(before))
+    scenes = [pair["scene"] for pair in json.loads((FOLDER / "lite/runs/base-0/score.json").read_text())["per_pair"]]
+    low, high = interval(resampled_means(ratios, scenes), ratios.mean(), len(set(scenes)))
+    change, low, high = (100 * np.expm1(value) for value in (ratios.mean(), low, high))
+    return change, low, high
+
+
+@pytest.mark.parametrize(
+    ("words", "before", "after"),
+    [
+        ("The weights of pixels in the loss lower Abs Rel by {}, and its", "loss-plain", "base"),
+        ("with the lookup, lower it by {} beside", "no-steps", "base"),
+        ("and steps alone by {}.", "no-irm", "steps-alone"),
+        ("the convex upsampling together lower it by {}, twice", "no-irm", "no-steps"),
+        ("The normals that the disparity implies, in each step, lower it by {}.", "not-implied", "base"),
+        ("lookup and the match at half the resolution lower it by {} and", "no-lookup", "base"),
+        ("lower it by 13 % (10 to 15 %) and {}.", "no-fine", "base"),
+    ],
+)  # fmt: skip
+def test_the_page_of_lite_gives_the_changes_without_the_rover(words: str, before: str, after: str) -> None:
+    text = " ".join((ROOT / "ablation-lite.md").read_text().replace("**", "").split())
+    change, low, high = typical_change(before, after)
+    assert words.format(f"{-change:.0f} % ({-high:.0f} to {-low:.0f} %)") in text
+
+
+@pytest.mark.parametrize(
+    ("part", "run"),
+    [
+        ("the residual blocks at 1/4 and 1/8", "plain-blocks"),
+        ("channels of their own for the comparison", "plain-match"),
+        ("the three dilated convolutions", "plain-slices"), ("the weighted sum of the groups", "wide-scores"),
+        ("the convex upsampling", "no-convex"), ("the left features in SNNet", "snnet-blind"),
+        ("the heads of the state alone", "heads-see-all"),
+    ],
+)  # fmt: skip
+def test_the_page_of_lite_names_what_is_within_chance(part: str, run: str) -> None:
     text = " ".join((ROOT / "ablation-lite.md").read_text().split())
+    assert f"{part} ({typical_change(run, 'base')[0]:+.1f} %)" in text
+
+
+def test_the_page_of_lite_says_how_much_the_rover_decides() -> None:
+    text = " ".join((ROOT / "ablation-lite.md").read_text().split())
+    rover = json.loads((FOLDER / "lite/rover.json").read_text())
+    shares, errors = [], {}
+    for run, pairs in rover.items():
+        scored = json.loads((FOLDER / f"lite/runs/{run}/score.json").read_text())["per_pair"]
+        figures = {pair["pair"]: pair["M3Depth"]["abs_rel"] for pair in scored}
+        shares.append(sum(figures[pair] for pair in pairs) / sum(figures.values()))
+        pixels = [of["rover_pixels"] for of in pairs.values()]
+        errors[run] = np.average([of["rover_abs_rel"] for of in pairs.values()], weights=pixels)
     scores = [json.loads((FOLDER / f"lite/runs/{run}-0/score.json").read_text()) for run in ("base", "loss-plain")]
-    results = [score["result"] for score in scores]
-    near, far = ([mean_abs_rel(result, side) for result in results] for side in (True, False))
-    assert f"an Abs Rel of {near[0]:.3f} with them and {near[1]:.3f} without" in text
-    assert f"From 2 m on, it is {far[0]:.3f} with them and {far[1]:.3f} without" in text
-    errors = [[pair["M3Depth"]["abs_rel"] for pair in score["per_pair"]] for score in scores]
-    better = sum(one < other for one, other in zip(*errors, strict=True))
-    assert f"{better} of the {len(errors[0])} images are more accurate with them" in text
+    means = [np.mean([pair["M3Depth"]["abs_rel"] for pair in score["per_pair"]]) for score in scores]
+    assert f"{means[0]:.3f} for `lite`, and {means[1]:.3f} without the weights of pixels" in text
+    plain = errors.pop("loss-plain-0")
+    assert f"err by {100 * min(errors.values()):.0f} to {100 * max(errors.values()):.0f} % on them, but by" in text
+    assert f"but by {100 * plain:.0f} % without the weights" in text and len(pairs) == 10
+    assert f"have {100 * min(shares):.0f} to {100 * max(shares):.0f} % of the sum of Abs Rel in every row" in text
+    everything = json.loads((FOLDER / "lite/runs/base-0/score.json").read_text())["result"]["depth"]["all"]["pixels"]
+    assert f"leaves the rover out, {100 * sum(pixels) / everything:.1f} % of the scored pixels" in text
+    page = " ".join((ROOT / "ablation.md").read_text().split())
+    shares = []
+    for file in [*(FOLDER / "runs").glob("*/score.json"), *(FOLDER / "levels").glob("*/score.json")]:
+        figures = {pair["pair"]: pair["M3Depth"]["abs_rel"] for pair in json.loads(file.read_text())["per_pair"]}
+        shares.append(sum(figures[pair] for pair in rover["base-0"]) / sum(figures.values()))
+    assert f"have {100 * min(shares):.0f} to {100 * max(shares):.0f} % of the sum in every run" in page
+
+
+def test_the_page_of_lite_says_what_the_weights_of_pixels_do() -> None:
+    text = " ".join((ROOT / "ablation-lite.md").read_text().split())
+    with_them, without = abs_rel_without_rover("base").mean(), abs_rel_without_rover("loss-plain").mean()
+    assert f"and its mean from {without:.3f} to {with_them:.3f}" in text
+    results = [
+        json.loads((FOLDER / f"lite/runs/{run}-0/score.json").read_text())["result"] for run in ("base", "loss-plain")
+    ]
     rocks = [result["rocks"]["standing_0.2_m_within_8_m"] for result in results]
     found = [each["both_eyes_found"] for each in rocks]
-    assert f"of the {rocks[0]['both_eyes']} rocks of 0.2 m and more within 8 m that both eyes see, {found[0]}" in text
+    assert f"Of the {rocks[0]['both_eyes']} rocks of 0.2 m and more within 8 m that both eyes see, {found[0]}" in text
     assert (
         f"found instead of {found[1]}, with {rocks[0]['false']} false obstacles instead of {rocks[1]['false']}" in text
     )
     epe = [result["depth"]["rock"]["pooled"]["epe"] for result in results]
     on_rocks, on_ground = ([result["normal"][on]["pooled"]["mean"] for result in results] for on in ("rock", "ground"))
-    assert f"EPE is {epe[0]:.1f} px instead of {epe[1]:.1f}" in text
+    assert f"EPE on rocks is {epe[0]:.1f} px instead of {epe[1]:.1f}" in text
     assert f"{on_rocks[0]:.0f}° instead of {on_rocks[1]:.0f}°" in text
     assert f"{on_ground[0]:.1f}° instead of {on_ground[1]:.1f}°" in text
-    methods = json.loads((ROOT / "methods/methods.json").read_text())["sets"]["clean"]["intervals"]
-    given = ("geo-net", "fusion", "fusion-true-depth", "lite, depth alone")  # which get the depth
-    near_errors = {name: of["intervals"][1]["pooled"]["mae"] for name, of in methods.items() if name not in given}
-    assert near_errors["lite"] == min(near_errors.values()) and f", {near_errors['lite']:.4f} m on clean pairs" in text
 
 
-def mean_abs_rel(result: dict, near: bool) -> float:
-    """Abs Rel over all pixels nearer than 2 m, or over the others."""
-    intervals = [each for each in result["intervals"] if each["pixels"] and (each["to_m"] <= 2) == near]
-    pixels = sum(each["pixels"] for each in intervals)
-    return sum(each["pixels"] * each["pooled"]["abs_rel"] for each in intervals) / pixels
-
-
-def test_the_page_of_lite_gives_the_changes_of_its_tables() -> None:
-    """The changes of the geometric mean, in bullets, beside those of the report below them."""
-    page = (ROOT / "ablation-lite.md").read_text()
-    said, report = (" ".join(part.split()) for part in page.split("## Tables"))
-    given = {
-        "-3.3 %, -12.6 to +8.4 %",
-        "(-6.0 %)",
-        "(-3.2 %)",
-        "(-2.9 %)",
-        "(-2.0 %)",
-        "(-0.9 %)",
-        "(-0.5 %)",
-        "(+0.1 %)",
-    }
-    for figure in given:
-        assert figure in said and f"geometric mean {figure.strip('()')}" in report, figure
-    for rounded, exact in (
-        ("27 % (21 to 32 %)", "-26.6 %, -31.8 to -21.1 %"), ("15 % (12 to 18 %)", "-14.8 %, -18.2 to -11.6 %"),
-        ("20 % (15 to 25 %)", "-19.9 %, -25.1 to -14.9 %"), ("12 % (9 to 15 %)", "-11.9 %, -14.8 to -8.6 %"),
-        ("11 % (8 to 15 %)", "-11.1 %, -14.8 to -7.8 %"),
-    ):  # fmt: skip
-        assert rounded in said and f"geometric mean {exact}" in report, rounded
+def test_the_page_of_lite_gives_the_largest_changes_of_the_normals() -> None:
+    studies = json.loads((FOLDER / LITE).read_text())["studies"]
+    changes = [part for study in studies.values() for part in study["comparisons"] if part["measure"] == "normal_mean"]
+    by_size = sorted(changes, key=lambda part: -abs(part["typical"]))
+    names = ["Recurrent steps, beside the other parts", "The normals that the disparity implies, in each step"]
+    assert [part["what"] for part in by_size[:3]] == [*names, "Correlation lookup"]
+    figures = ", ".join(f"{100 * part['typical']:.1f}" for part in by_size[:2])
+    assert f"{figures} and {100 * by_size[2]['typical']:.1f} %." in " ".join(
+        (ROOT / "ablation-lite.md").read_text().split()
+    )
