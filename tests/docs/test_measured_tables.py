@@ -127,7 +127,7 @@ def held(sums: np.ndarray, share: float) -> bool:
 
 @pytest.mark.parametrize(
     ("method", "pairs", "share"),
-    [("lite", "clean", 0.95), ("SGBM", "clean", 0.94), ("SGBM", "degraded", 0.89), ("SSD-SGM", "clean", 0.63)],
+    [("lite", "clean", 0.94), ("SGBM", "clean", 0.94), ("SGBM", "degraded", 0.89), ("SSD-SGM", "clean", 0.65)],
 )
 def test_intervals_of_mean_abs_rel_hold_as_often_as_the_page_says(method: str, pairs: str, share: float) -> None:
     """As docs/concepts/scoring-rules.md says of the methods compared: rarely where few scenes decide the mean."""
@@ -149,8 +149,8 @@ def test_intervals_of_changes_in_the_ablation_hold_as_often_as_the_page_says() -
         np.array([np.sum(of_scene[row]) for of_scene in errors.values()]) for row in ("base", "loss-1-2-3")
     )
     logs = [np.log(np.divide(of_scene["loss-1-2-3"], of_scene["base"])) for of_scene in errors.values()]
-    assert len(errors) == 24 and held(np.column_stack([after, before]), 0.68)
-    assert held(np.array([[ratios.sum(), len(ratios)] for ratios in logs]), 0.88)
+    assert len(errors) == 24 and held(np.column_stack([after, before]), 0.70)
+    assert held(np.array([[ratios.sum(), len(ratios)] for ratios in logs]), 0.89)
 
 
 @pytest.mark.parametrize("method", ["m3depth", "sgbm", "sad-sgm"])
