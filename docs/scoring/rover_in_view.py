@@ -37,11 +37,6 @@ class Options:
     """JSON file to write: for each run and each pair that shows the rover, Abs Rel without and on the rover."""
 
 
-def rover_in(sample: StereoSample) -> np.ndarray:
-    """Return which scored pixels of a pair show the rover, (H, W) bool."""
-    return pixel_kinds(sample)["all"] & (sample.rock < 0)
-
-
 def errors_of(sample: StereoSample, depth: np.ndarray) -> dict[str, float]:
     """Return the Abs Rel of a prediction without the rover and on it, and the number of the rover's scored pixels.
 
@@ -49,7 +44,8 @@ def errors_of(sample: StereoSample, depth: np.ndarray) -> dict[str, float]:
         sample: A pair that shows the rover.
         depth: (H, W) predicted depth [m].
     """
-    scored, rover = pixel_kinds(sample)["all"], rover_in(sample)
+    kinds = pixel_kinds(sample)
+    scored, rover = kinds["all"], kinds["rover"]
     error = np.abs(capped_depth(depth) / capped_depth(sample.depth) - 1)
     figures = {"abs_rel": error[scored & ~rover].mean(), "rover_abs_rel": error[rover].mean()}
     rounded = {name: float(f"{value:.{DIGITS}g}") for name, value in figures.items()}
@@ -59,7 +55,9 @@ def errors_of(sample: StereoSample, depth: np.ndarray) -> dict[str, float]:
 def work(options: Options) -> None:
     """Write the file."""
     pairs = StereoDataset(options.data, "test")
-    samples = {name: sample for name, sample in zip(pairs.names, pairs, strict=True) if rover_in(sample).any()}
+    samples = {
+        name: sample for name, sample in zip(pairs.names, pairs, strict=True) if pixel_kinds(sample)["rover"].any()
+    }
     runs = sorted(path.parent for path in options.runs.glob("*/weights.safetensors"))
     if not runs:
         raise DatasetError(f"--runs {options.runs}: holds no run with weights.safetensors")

@@ -31,7 +31,7 @@ DEPTH_CAP = 80.0  # [m] what unknown and larger depths count as
 DEPTH_FLOOR = 0.01  # [m] what smaller depths count as
 INTERVAL_EDGES = np.arange(0.0, MAX_DEPTH + 1)  # [m] the paper's 15 depth intervals (a, b]
 # Kinds of pixels that have figures of their own.
-KINDS = ("all", "visible", "occluded", "rock", "slab", "ground", "texture_poor", "near")
+KINDS = ("all", "visible", "occluded", "rock", "slab", "ground", "rover", "texture_poor", "near")
 POOR_TEXTURE = 2.5  # [grey levels] standard deviation in 9 x 9 px below which a pixel counts as texture-poor
 
 # Terms of depth_terms and normal_terms, in order; their means are the figures.
@@ -162,6 +162,7 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
         "rock": scored & (sample.rock > 0) & ~slab,
         "slab": scored & slab,
         "ground": scored & (sample.rock == 0),
+        "rover": scored & (sample.rock < 0),
         "texture_poor": scored & texture_poor(sample.left),
         "near": known & (sample.disparity > max_disparity),
     }

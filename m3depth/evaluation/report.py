@@ -168,7 +168,10 @@ def _by_kind(results: Results, max_disparity: float) -> list[str]:
             figures = _figures(depth["pooled"], ["abs_rel", "rmse", "epe", "bad1"])
             rows.append([kind, name, *figures, *_figures(normal["pooled"], ["mean"]), str(depth["pixels"])])
     columns = ["pixels", "method", "Abs Rel", "RMSE [m]", "EPE [px]", "bad-1", "normal [°]", "count"]
-    about = f"`near`: more than {max_disparity:g} px; `texture_poor`: grey levels vary by less than 2.5 in 9 x 9 px."
+    about = (
+        f"`near`: more than {max_disparity:g} px; `texture_poor`: grey levels vary by less than 2.5 in 9 x 9 px; "
+        "`rover`: the rover itself, which counts in `all` too."
+    )
     return ["", "## By kind of pixel, pooled", "", about, "", *table(columns, rows)]
 
 

@@ -43,8 +43,9 @@ def test_pairs_that_show_the_rover_are_scored_with_and_without_it(rover_in_view:
 
 def test_errors_on_the_rover_and_elsewhere_are_kept_apart(rover_in_view: ModuleType, data) -> None:
     sample = next(sample for sample in StereoDataset(data, "test") if "rover" in sample.meta)
-    rover = rover_in_view.rover_in(sample)
-    assert 20 < rover.sum() < pixel_kinds(sample)["all"].sum()
+    kinds = pixel_kinds(sample)
+    rover = kinds["rover"]
+    assert 20 < rover.sum() < kinds["all"].sum()
     figures = rover_in_view.errors_of(sample, np.where(rover, 1.5, 1.02) * sample.depth)
     expected = {"abs_rel": 0.02, "rover_abs_rel": 0.5, "rover_pixels": rover.sum()}
     assert figures == pytest.approx(expected, rel=1e-3)

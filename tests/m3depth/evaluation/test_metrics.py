@@ -72,7 +72,9 @@ def named_terms(*maps: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_perfect_prediction_has_perfect_scores_everywhere():
-    result = score(perfect(make_sample()), make_sample())
+    sample = make_sample()
+    sample = replace(sample, rock=np.where(np.arange(W) < 3, -1, sample.rock))  # the rover, at the left border
+    result = score(perfect(sample), sample)
     for kind, sums in result["depth"].items():
         assert sums["pixels"] > 0, kind
         for figures in (sums["per_image"], sums["pooled"]):
@@ -147,7 +149,7 @@ def test_the_deviation_of_the_grey_levels_is_that_within_9_px():
 def test_kinds_partition_the_scored_pixels():
     sample = make_sample()
     kinds = pixel_kinds(sample)
-    for parts in (("visible", "occluded"), ("rock", "slab", "ground")):
+    for parts in (("visible", "occluded"), ("rock", "slab", "ground", "rover")):
         assert np.array_equal(np.sum([kinds[part] for part in parts], axis=0), kinds["all"])
     assert kinds["slab"].sum() == 40 and kinds["rock"].sum() == 50
     assert not (kinds["near"] & kinds["all"]).any()
@@ -163,8 +165,10 @@ def test_the_rover_itself_is_neither_rock_nor_ground():
     kinds, before = (pixel_kinds(each) for each in (replace(sample, rock=np.where(rover, -1, sample.rock)), sample))
     for name in kinds:
         expected = before[name] & ~rover if name in ("rock", "ground") else before[name]
+        if name == "rover":
+            expected = before["all"] & rover
         assert np.array_equal(kinds[name], expected)
-    assert (before["ground"] & rover).any()
+    assert (before["ground"] & rover).any() and kinds["rover"].any() and not before["rover"].any()
 
 
 def test_intervals_cover_every_scored_pixel_once():
