@@ -133,12 +133,8 @@ def _set_section(name: str, part: Mapping[str, Any], runs: Mapping[str, Any], re
         if label != reference
     ]
     lines += ["", *table(["method", *RATIOS.values()], cells)]
-    lines += [
-        "",
-        "Abs Rel over the pairs. Where one scene has a tenth of the sum or more, intervals of the mean hold less",
-    ]
-    lines[-1] += " often than 95 %:"
-    lines += [""]
+    decided = "Where one scene has a tenth of the sum or more, intervals of the mean hold less often than 95 %:"
+    lines += ["", f"Abs Rel over the pairs. {decided}", ""]
     spreads = [(titles[label], part["spread"][label]) for label in order]
     cells = [
         [title, number(each["median"]), *(f"{100 * each[share]:.1f} %" for share in ("failed", "largest_scene"))]
