@@ -199,17 +199,3 @@ def test_the_page_of_lite_says_how_much_sky_is_missed() -> None:
     assert (
         max(as_sky, key=as_sky.__getitem__) == "no-fine-0" and f"takes for sky is {max(as_sky.values()):.2f} %" in text
     )
-
-
-def test_the_page_says_how_far_the_rover_moves_changes_of_the_geometric_mean() -> None:
-    moved = []
-    for run in {path.name for path in (FOLDER / "lite/runs").iterdir()} - {"base-0", "loss-plain-0"}:
-        everything = [
-            {pair["pair"]: pair["M3Depth"]["abs_rel"] for pair in json.loads(file.read_text())["per_pair"]}
-            for file in (FOLDER / f"lite/runs/{name}/score.json" for name in (run, "base-0"))
-        ]
-        before, after = (np.array([*figures.values()]) for figures in everything)
-        with_rover = 100 * np.expm1(np.log(after / before).mean())
-        moved.append(abs(with_rover - typical_change(run.removesuffix("-0"), "base")[0]))
-    page = " ".join((ROOT / "ablation.md").read_text().split())
-    assert f"leaving the rover out moves its changes by up to {max(moved):.1f} points" in page
