@@ -19,7 +19,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
-from threading import get_ident
 from typing import Any
 
 from envs.drivers.by_name import make_driver
@@ -38,9 +37,9 @@ from envs.mars_nav import MarsNavEnv
 from envs.recording.drive_page import DRIVES, drive_path, write_drive_pages
 from envs.recording.recorder import Recorder
 from envs.recording.results_page import BEST, FILMED, WORST, write_results_page
-from envs.world.perception import BeginsDrives, is_ours, load_perception, perception_digest
+from envs.world.loaded_methods import loaded_method
+from envs.world.perception import perception_digest
 from envs.world.vehicle import chosen_dynamics, known_dynamics
-from m3depth.estimator import Estimator
 from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.bags.library import check_installed
 from marssim.base.command.progress import progress
@@ -53,8 +52,6 @@ from marssim.base.files.json_file import DatasetError, as_json, read_json, write
 from marssim.base.results.claim import PARTIAL, ResultFolder
 
 SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
-# Methods that serve all drives, by name, runtime and, for a user's class, thread: a process loads a network once.
-_OF_ALL_DRIVES: dict[tuple[str, str, int], str | Estimator] = {}
 
 
 def evaluate(config: EvaluateConfig) -> dict[str, Any]:
@@ -69,7 +66,7 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     config = with_suite(config)
     config = replace(config, dynamics=chosen_dynamics(config.dynamics)).with_true_pixels()
     for name in config.perception:
-        _perception(name, config.runtime)  # an unknown name is reported before anything is written or started
+        loaded_method(name, config.runtime)  # an unknown name is reported before anything is written or started
     for name in config.driver:
         make_driver(name)
     if config.bag_courses:
@@ -329,7 +326,7 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
     """
     driver = make_driver(task.driver)
     watch = episode_check(config, task.cell, task.episode, watch or _step_lines(config, task))
-    perception = _perception(task.perception, config.runtime)
+    perception = loaded_method(task.perception, config.runtime)
     env = MarsNavEnv(
         perception, known_dynamics(config.dynamics), config.renderer,
         config.scene_config(), config.goal_distance,
@@ -358,21 +355,6 @@ def _drives_done(config: EvaluateConfig) -> str:
     files = config.out / "episodes"
     done = sum((files / task.file).is_file() and not _lacks_drive(config, task) for task in config.tasks)
     return f"{done} of {counted(len(config.tasks), 'drive')} done"
-
-
-def _perception(name: str, runtime: str) -> str | Estimator:
-    """Return what an environment takes as perception.
-
-    Each drive has its own instance of a user's class, as of a driver, since what it keeps of a drive must not reach the
-    next. A class that can begin a drive has one for all drives of a thread.
-    """
-    key = name, runtime, 0 if is_ours(name) else get_ident()
-    if key not in _OF_ALL_DRIVES:
-        method = load_perception(name, runtime) or name
-        if not (is_ours(name) or isinstance(method, BeginsDrives)):
-            return method
-        _OF_ALL_DRIVES[key] = method
-    return _OF_ALL_DRIVES[key]
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable
-from importlib import import_module
 from pathlib import Path
+
+from m3depth.user_module import import_user_module
 
 FILES = "files"  # the attribute of a class that names them
 
@@ -26,7 +27,7 @@ def class_files(name: str) -> tuple[Path, ...]:
     """
     module, _, attribute = name.partition(":")
     try:
-        named = getattr(getattr(import_module(module), attribute), FILES, ())
+        named = getattr(getattr(import_user_module(module), attribute), FILES, ())
     except Exception:  # whatever a module of the user raises
         return ()
     if named is None or callable(named) or isinstance(named, property):

@@ -8,10 +8,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -20,10 +18,10 @@ from m3depth.class_files import class_files, joint_digest
 from m3depth.network.device import chosen_device
 from m3depth.runtimes.choice import check_runtime, chosen_runtime, is_other_network
 from m3depth.stereo.prediction import Prediction
+from m3depth.user_module import ChangedModuleError, import_user_module
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
 from marssim.base.camera import StereoRig
 from marssim.base.command.spelling import did_you_mean
-from marssim.base.command.wording import where_to_run
 from marssim.base.results.code_state import source_file
 
 M3DEPTH = "m3depth"
@@ -262,25 +260,6 @@ def load_estimator(
     return _load_class(role, *name.name.split(":", 1))
 
 
-def import_user_module(name: str) -> ModuleType:
-    """Import the module of a class that a user names as "package.module:Class".
-
-    Args:
-        name: "package.module".
-
-    Raises:
-        ModuleNotFoundError: Python does not find it, or a module that it imports. One line that says what is missing,
-            and how to name a module or where to run.
-    """
-    if name.startswith("."):  # import_module would take it for a name within a package
-        hint = "name it as package.module, and run python -m in the folder of package, or put this folder on PYTHONPATH"
-        raise ModuleNotFoundError(f"No module named {name!r}; {hint}", name=name)
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f"{error}{where_to_run(error, name)}", name=error.name) from None
-
-
 def inferred(
     estimator: Estimator, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object
 ) -> Prediction:
@@ -371,7 +350,7 @@ def _load_class(role: str, module_name: str, class_name: str) -> Estimator:
     where = f"{role} '{module_name}:{class_name}'"
     try:
         module = import_user_module(module_name)
-    except ModuleNotFoundError as error:
+    except (ModuleNotFoundError, ChangedModuleError) as error:
         raise ValueError(f"{where}: {error}") from None
     cls = getattr(module, class_name, None)
     if not isinstance(cls, type):

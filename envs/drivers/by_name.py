@@ -9,7 +9,7 @@ from envs.drivers.builtin import NavigatorDriver, RandomDriver, StraightDriver
 from envs.drivers.driver import Driver
 from envs.drivers.oracle import OracleDriver
 from envs.drivers.policy_files import PolicyDriver
-from m3depth.estimator import import_user_module
+from m3depth.user_module import import_user_module
 from marssim.base.command.spelling import did_you_mean
 
 FIELD = "`driver`"  # begins each message; a command replaces a name in ` ` by its flag

@@ -4,9 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 import traceback
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -21,7 +19,6 @@ from envs.evaluate import SETTINGS, EvaluateConfig, Task, _drives_done, drive, e
 from envs.suites.conditions import under
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import UserCodeError
-from m3depth.estimator import load_estimator
 from marssim.base.bags.reader import Bag
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.results.lock import sole_writer
@@ -410,21 +407,13 @@ def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
     assert not list(out.rglob(".*"))
 
 
-def test_one_estimator_serves_all_episodes_and_every_environment_is_closed(monkeypatch, tmp_path):
-    loads, closed = [], []
-    envs.evaluate._OF_ALL_DRIVES.clear()
-    monkeypatch.setattr(
-        "envs.evaluate.load_perception", lambda name, runtime: loads.append(name) or load_estimator("sgbm")
-    )
+def test_every_environment_is_closed(monkeypatch, tmp_path):
+    closed = []
     monkeypatch.setattr("envs.evaluate.run_episode", lambda env, *_: closed.append(env))
     monkeypatch.setattr("envs.evaluate.MarsNavEnv.close", lambda env: closed.append(env))
-    config = EvaluateConfig(tmp_path, **QUICK)
     for episode in range(3):
-        for name in ("one", "two"):
-            envs.evaluate.drive(config, Task("straight", name, Cell(), episode))
-    envs.evaluate._OF_ALL_DRIVES.clear()
-    assert loads == ["one", "two"]
-    assert len(closed) == 12 and closed[0::2] == closed[1::2]
+        envs.evaluate.drive(EvaluateConfig(tmp_path, **QUICK), Task("straight", "sgbm", Cell(), episode))
+    assert len(closed) == 6 and closed[0::2] == closed[1::2]
 
 
 def test_drives_compute_in_one_thread(monkeypatch, tmp_path):
@@ -497,32 +486,6 @@ def test_each_drive_has_its_own_instance_of_a_users_class(tmp_path, monkeypatch)
     flags = {**QUICK, "perception": ("remembering:Method",), "eyes": EyesConfig(image_pixels=64)}
     evaluate(EvaluateConfig(tmp_path / "out", episodes=2, seed=3, **flags))
     assert len(set(map(id, sys.modules["remembering"].first_of_each))) == 2
-
-
-def test_a_class_that_can_begin_a_drive_serves_the_drives_of_one_thread(tmp_path, monkeypatch):
-    """A worker of dask may drive in several threads at once."""
-    (tmp_path / "beginning.py").write_text(
-        "class Method:\n    def infer(self, left, right, rig): ...\n    def begin_drive(self): ...\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    loaded, done = threading.Event(), threading.Event()
-
-    def of_first_thread():
-        methods = [envs.evaluate._perception("beginning:Method", "auto") for _ in range(2)]
-        loaded.set()
-        done.wait(20)  # or the pool would take this thread again
-        return methods
-
-    def of_second_thread():
-        loaded.wait(20)
-        method = envs.evaluate._perception("beginning:Method", "auto")
-        done.set()
-        return method
-
-    with ThreadPoolExecutor(2) as pool:
-        first, second = pool.submit(of_first_thread), pool.submit(of_second_thread)
-    (one, again), other = first.result(), second.result()
-    assert one is again and one is not other
 
 
 def test_values_that_name_one_cell_are_refused(tmp_path, capsys):

@@ -1,7 +1,9 @@
 """What must not be mixed in one folder of an evaluation."""
 
 import hashlib
+import importlib
 import re
+import sys
 from dataclasses import replace
 from importlib.metadata import version
 
@@ -145,6 +147,9 @@ def test_an_edited_class_is_not_reported_by_the_drives_of_what_it_was(tmp_path, 
     assert evaluate(config)["weights"] == {"own_driver:Own": sha256(code.read_bytes())}
     evaluate(config)
     code.write_text("from envs.drivers.builtin import RandomDriver as Own\n")
+    with pytest.raises(ValueError, match=r"own_driver\.py has changed since Python imported it"):
+        evaluate(config)
+    importlib.reload(sys.modules["own_driver"])
     with pytest.raises(DatasetError, match="own_driver:Own has other code or files than"):
         evaluate(config)
 
@@ -260,8 +265,9 @@ def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch,
     plain = envs.evaluate.drive
 
     def driven(*args):
+        record = plain(*args)
         file.write_text("# another\n" + file.read_text())
-        return plain(*args)
+        return record
 
     if when == "during":
         monkeypatch.setattr("envs.evaluate.drive", driven)
