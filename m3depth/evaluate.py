@@ -301,7 +301,7 @@ def dependencies(
         "--device": device,
         "--runtime": runtime,
         **by_flag(named_estimators(options), estimators),
-        "--predictions": [[text, state_of_files(maps.find(*p) for p in pairs)] for text, maps in recorded.items()],
+        "--predictions": [[text, state_of_files(maps.files(pairs))] for text, maps in recorded.items()],
         "--limit": options.limit,
         "--degrade": options.degrade,
         "--seed": options.seed,
@@ -314,15 +314,16 @@ def dependencies(
 
 
 def by_flag(columns: Mapping[str, tuple[str, EstimatorName]], estimators: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return label and record of the estimators, by the flag that names them.
+    """Return label and record of the estimators, by the flag that names them; of weights, whatever their path is.
 
     Args:
         columns: What `named_estimators` returned.
         estimators: Name and SHA-256 of every estimator, by the name of its column.
     """
     groups: dict[str, list[Any]] = {"--weights": [], "--estimator": []}
-    for label, (flag_name, _) in columns.items():
-        groups.setdefault(flag_name, []).append([label, estimators[label]])
+    for label, (flag_name, name) in columns.items():
+        record = estimators[label] if name.weights is None else {**estimators[label], "name": name.holes}
+        groups.setdefault(flag_name, []).append([label, record])
     return groups
 
 

@@ -45,6 +45,7 @@ from marssim.base.files.npy import read_npy
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")  # of files of maps; the first that exists is read
 IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}  # names in a pair's own folder
+BESIDE = ("normal", "confidence")  # what a file beside a map may hold
 PLACE_DIGITS = 6  # of a file's name that is its pair's place in the split
 Naming = Literal["name", "last", "place"]
 FORM = "NAME=DIR[,depth][,scale=S][,fill]"  # of --predictions
@@ -144,6 +145,19 @@ class RecordedPredictions:
             raise self._missing(pair, tried)
         return path
 
+    def files(self, pairs: Sequence[tuple[str, int]]) -> list[Path]:
+        """Return all files that the maps of pairs are read from.
+
+        Args:
+            pairs: Names and places of the pairs.
+
+        Raises:
+            FileNotFoundError: A pair has no map.
+        """
+        maps = [self.find(*pair) for pair in pairs]
+        others = [(*(self._beside(path, what) for what in BESIDE), path.with_name(RECORD)) for path in maps]
+        return [*maps, *(file for files in others for file in files if file is not None and file.is_file())]
+
     def _tried(self, pair: str, number: int, namings: Sequence[Naming]) -> list[str]:
         """Return the names that a pair's file may have: those of the naming, or of all namings before it is known."""
         return [name for naming in ([self.naming] if self.naming else namings) for name in _names(pair, number, naming)]
@@ -182,7 +196,7 @@ class RecordedPredictions:
             disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
         else:
             disparity, depth = np.where(known, rig.depth_to_disparity(values), np.float32(np.nan)), values
-        normal, confidence = (self._beside(path, what) for what in ("normal", "confidence"))
+        normal, confidence = (self._beside(path, what) for what in BESIDE)
         prediction = Prediction(
             depth,
             disparity,

@@ -339,7 +339,9 @@ def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, cap
     assert sorted(file.name for file in (tmp_path / "stopped").iterdir()) == ["results.json", "results.md"]
 
 
-@pytest.mark.parametrize("change", ["--predictions", "--estimator", "--device", "--runtime", "weights of an estimator"])
+@pytest.mark.parametrize(
+    "change", ["--predictions", "their normals", "--estimator", "--device", "--runtime", "weights of an estimator"]
+)
 def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
     """The command is the same; the content of its files, the device or the runtime has changed."""
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
@@ -362,6 +364,9 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     changed = change
     if change == "--predictions":
         os.utime(maps / f"{pairs.names[0].replace('/', '_')}.npy", (1, 1))
+    elif change == "their normals":
+        np.save(maps / f"{pairs.names[-1].replace('/', '_')}_normal.npy", pairs[len(pairs) - 1].normal)
+        changed = "--predictions"
     elif change == "--estimator":
         module.write_text("class Mine:\n    better = True\n")
     elif change == "--device":
@@ -376,6 +381,20 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     capsys.readouterr()
     assert main(arguments) == 2
     assert f"belongs to an unfinished evaluation with another {changed}; choose" in capsys.readouterr().err
+
+
+def test_a_stopped_evaluation_continues_with_the_same_weights_by_another_path(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
+    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "w.safetensors").write_bytes(b"weights")
+    (tmp_path / "elsewhere").mkdir()
+    method = Stops(3, signal.SIGINT)
+    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    arguments = ["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none", "--weights"]
+    assert main([*arguments, "w.safetensors"]) == 130
+    monkeypatch.chdir("elsewhere")
+    assert main([*arguments, "../w.safetensors"]) == 0
 
 
 def test_a_stopped_evaluation_of_another_network_does_not_continue_in_another_precision(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -37,8 +38,11 @@ def append_line(path: Path, line: str) -> None:
         line: The line, without its end.
 
     Raises:
-        OSError: The file is a link, or cannot be written. The error names it.
+        OSError: The file is a link, or cannot be written. The error names it. No part of the line is left in it.
     """
-    descriptor = open_no_link(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    descriptor, data = open_no_link(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT), f"{line}\n".encode()
     with naming(path), open(descriptor, "ab", buffering=0) as file:
-        file.write(f"{line}\n".encode())
+        size = os.fstat(descriptor).st_size
+        if file.write(data) < len(data):  # a disk that is nearly full takes a part of it, and is silent
+            file.truncate(size)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -329,3 +329,15 @@ def test_tables_mark_recorded_maps_beside_methods_whose_images_are_changed(tmp_p
     report = markdown_report(about, done.results, done.true_depth_normals)
     assert ("| read, as recorded |" in report) == (AS_RECORDED in report) == is_marked
     assert ("read, as recorded" in text_table(done.results)) == is_marked and "run, as recorded" not in report
+
+
+def test_the_files_of_pairs_are_all_that_are_read(tmp_path):
+    names = ("00001_05.npy", "00001_05_normal.npy", "00002/disparity.npy", "00002/confidence.npy")
+    expected = [put(tmp_path / name, DISPARITY) for name in names]
+    expected.append(tmp_path / "00002/prediction.json")
+    expected[-1].write_text("{}")
+    put(tmp_path / "00003.npy", DISPARITY)  # of no pair that is asked for
+    maps = RecordedPredictions(tmp_path)
+    assert sorted(maps.files([("00001/05", 0), ("00002", 1)])) == sorted(expected)
+    with pytest.raises(FileNotFoundError, match="no disparity of pair 00004; looked for"):
+        maps.files([("00004", 3)])
