@@ -29,7 +29,7 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, Noted, check_worker, note_drives_left_out, noted_of, unchanged
+from envs.drives.resume import NOTES, Noted, check_paths, check_worker, note_drives_left_out, noted_of, unchanged
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -278,7 +278,8 @@ def _run(config: EvaluateConfig, tasks: list[Task], driven_by: Mapping[str, Any]
             bar.update()
 
         runtimes = {name: recorded_runtime([name], config.runtime) for name in config.perception}
-        arguments = [(config, task, runtimes[task.perception], driven_by) for task in tasks]
+        absolute = replace(config, out=config.out.absolute())  # a worker may run in another folder
+        arguments = [(absolute, task, runtimes[task.perception], driven_by, Path.cwd()) for task in tasks]
         run_tasks(drive_recorded, arguments, finished, config.workers, config.scheduler)
 
 
@@ -292,7 +293,7 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
 
 
 def drive_recorded(
-    config: EvaluateConfig, task: Task, runtime: str | None, driven_by: Mapping[str, Any]
+    config: EvaluateConfig, task: Task, runtime: str | None, driven_by: Mapping[str, Any], folder: Path
 ) -> tuple[EpisodeRecord, bytes | None]:
     """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive.
 
@@ -301,7 +302,9 @@ def drive_recorded(
         task: The episode.
         runtime: What must run its perception, see resume.check_worker.
         driven_by: Settings, and digests of the files of drivers and perceptions, see resume.unchanged.
+        folder: The folder in which the command was started.
     """
+    check_paths(config, (task.driver, task.perception), folder)
     check_worker(task.perception, config.runtime, runtime)
     recorder = None if config.record == "none" else Recorder(_step_lines(config, task))
     with unchanged(config, (task.driver, task.perception), driven_by):

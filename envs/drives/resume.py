@@ -196,6 +196,24 @@ def check_worker(perception: str, wanted: str, expected: str | None) -> None:
         )
 
 
+def check_paths(config: EvaluateConfig, names: Sequence[str], folder: Path) -> None:
+    """Raise DatasetError if a worker runs in another folder than the command, and a file has a relative path.
+
+    Args:
+        config: The settings, of which a place or a suite may be a file.
+        names: The driver and the perception of a drive, as envs.evaluate takes them.
+        folder: The folder in which the command was started.
+    """
+    here, files = Path.cwd(), [file for name in names if (file := _read_from(name)) is not None]
+    files += [Path(name) for name in (config.scene, config.suite) if name is not None and name.endswith(".json")]
+    relative = [file for file in files if not file.is_absolute()]
+    if relative and here != folder:
+        raise DatasetError(
+            f"{relative[0]}: the worker on {platform.node()} runs in {here}, and would not read the file of {folder}; "
+            "give an absolute path, or start the workers in that folder"
+        )
+
+
 def _digest(name: str) -> str | None:
     """Return the SHA-256 of what a driver or a perception is read from; None for names without a file."""
     return joint_digest([Path(name)]) if name.endswith(".zip") else EstimatorName(name).digest()

@@ -2,16 +2,18 @@
 
 import hashlib
 import importlib
+import os
 import re
 import sys
 from dataclasses import replace
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import pytest
 from small_rivals import TINY
 
 import envs.evaluate
-from envs.drives.resume import NOTES, WEIGHTS, noted_digests, noted_runtime, noted_versions
+from envs.drives.resume import NOTES, WEIGHTS, check_paths, noted_digests, noted_runtime, noted_versions
 from envs.evaluate import EvaluateConfig, evaluate, main
 from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
@@ -277,6 +279,49 @@ def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch,
     with pytest.raises(DatasetError, match=r"mine_.*.py: on .*, this is not the file that the drives began with; put"):
         evaluate(config)
     assert not list((tmp_path / "out" / "episodes").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("driver", "perception", "scene", "suite"),
+    [
+        ("{}file.zip", "sgbm", "gale", None), ("straight", "m3depth:{}file.safetensors", "gale", None),
+        ("straight", "m3depth", "{}file.json", None), ("straight", "m3depth", "gale", "{}file.json"),
+    ],
+)  # fmt: skip
+def test_a_worker_in_another_folder_refuses_relative_paths(tmp_path, monkeypatch, driver, perception, scene, suite):
+    command, worker = tmp_path / "command", tmp_path / "worker"
+
+    def check(before):
+        config = SimpleNamespace(scene=scene.format(before), suite=suite and suite.format(before))
+        check_paths(config, (driver.format(before), perception.format(before)), command)
+
+    for folder in (command, worker):
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        check(f"{command}/")
+        if folder == command:
+            check("")
+    with pytest.raises(DatasetError, match=rf"^file\.\w+: the worker .* runs in {worker}, and .* file of {command}"):
+        check("")
+
+
+def test_workers_in_another_folder_drive_with_absolute_paths(tmp_path, monkeypatch):
+    """OUT may be relative: the command itself writes there."""
+    distributed = pytest.importorskip("distributed")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "place.json").write_text('{"preset": "utopia", "rocks": {"k": 0.01}}')
+    flags = ["--out", "out", "--driver", "straight", "--perception", "ground_truth", "--dynamics", "kinematic"]
+    flags += ["--episodes", "1", "--goal-distance", "3", "--no-videos", "--scene"]
+    monkeypatch.chdir(tmp_path)
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        client.run(os.chdir, str(tmp_path / "elsewhere"))
+        flags = ["--scheduler", cluster.scheduler_address, *flags]
+        assert main([*flags, "place.json"]) == 2 and not list((tmp_path / "out" / "episodes").iterdir())
+        assert main([*flags, str(tmp_path / "place.json")]) == 0
+    assert len(list((tmp_path / "out" / "episodes").iterdir())) == 1
 
 
 def test_a_place_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch):
