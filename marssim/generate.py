@@ -245,6 +245,8 @@ def _folder(config: GenerateConfig) -> ResultFolder:
 
 def _has_visible_files(out: Path) -> bool:
     """Return whether the folder holds more than the settings and half-written files of a killed run."""
+    if any(out.glob("scenes/*/[0-9]*/sample.json")):  # also where scenes is a link, which rglob does not follow
+        return True
     rest = (file.relative_to(out) for file in out.rglob("*") if file.is_file())
     return any(str(file) != SETTINGS and not any(part.startswith(".") for part in file.parts) for file in rest)
 

@@ -72,7 +72,7 @@ class Log:
             from torch.utils.tensorboard import SummaryWriter
 
             self.board: Any = SummaryWriter(str(out / "tensorboard"), purge_step=start + 1)
-        except ImportError:
+        except (ImportError, UnicodeError):  # the second: a path that it does not write in this locale
             self.board = None
         self.last_line = 0.0
 

@@ -268,6 +268,17 @@ def test_settings_without_samples_are_replaced(made, tmp_path, capfd, monkeypatc
     assert contents(out) == contents(made)
 
 
+def test_settings_are_not_replaced_where_the_samples_lie_behind_a_link(made, folder, tmp_path, capfd):
+    """Of a run that was stopped before it wrote the index."""
+    for file in folder.iterdir():
+        if file.is_file() and file.name != "generate.json":
+            file.unlink()
+    (folder / "scenes").rename(tmp_path / "elsewhere")
+    (folder / "scenes").symlink_to(tmp_path / "elsewhere")
+    code, message = run(capfd, "--out", folder, *FLAGS, "--seed", 6)
+    assert code == 2 and f"{folder / 'generate.json'}: the dataset in this folder has other settings" in message
+
+
 def test_settings_beside_other_files_are_not_replaced(tmp_path):
     claimed(config(tmp_path / "set"))
     (tmp_path / "set" / "notes.txt").write_text("mine")

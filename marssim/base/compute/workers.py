@@ -27,7 +27,7 @@ from typing import Any
 import cv2
 
 from marssim.base.command.exits import exits_as_errors
-from marssim.base.command.notes import permit_for_workers, use_permit
+from marssim.base.command.notes import permit_for_workers, print_note, use_permit
 from marssim.base.command.streams import keep_streams_safe
 from marssim.base.command.wording import GOES_ON, KILLED
 
@@ -274,6 +274,8 @@ def _on_cluster(
     except Exception as error:  # each kind of address (tcp, tls, ws, ...) has its own exceptions
         raise OSError(f"--scheduler {address}: {error}; expected one like tcp://host:8786") from None
     with _silent("distributed.client"), client, client.get_executor(pure=False) as executor:
+        if not client.scheduler_info()["workers"]:
+            print_note(f"--scheduler {address}: has no workers; the work begins when one connects to it")
         running = {executor.submit(_one_at_a_time, function, task): task for task in tasks}
         try:
             while running:

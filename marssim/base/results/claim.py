@@ -35,6 +35,15 @@ def _always(folder: Path) -> bool:
     return True
 
 
+def _delete_unused(folder: Path) -> None:
+    """Delete a folder, but not one in which a worker of a stopped command on a cluster is still writing."""
+    try:
+        shutil.rmtree(folder)
+    except OSError as error:
+        if error.errno not in (errno.ENOENT, errno.ENOTEMPTY):
+            raise
+
+
 @dataclass(frozen=True)
 class ResultFolder:
     """A folder for the results of one command, which --out names."""
@@ -151,7 +160,7 @@ class ResultFolder:
         for pattern in self.partial:
             for path in list(self.path.glob(pattern)):
                 if path.is_dir() and not path.is_symlink():
-                    shutil.rmtree(path)
+                    _delete_unused(path)
                 else:
                     path.unlink(missing_ok=True)
 

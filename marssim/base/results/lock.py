@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import multiprocessing
 import os
 import socket
 from collections.abc import Iterator
@@ -82,6 +83,11 @@ def check_unused(folder: Path) -> None:
 
 
 def _in_use(folder: Path, file: int) -> str:
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # as multiprocessing asks itself
+        return (
+            f"{folder}: a worker process imports your script, which would begin the same work again; put what calls it "
+            "under `if __name__ == '__main__':`"
+        )
     owner = os.read(file, 200).decode(errors="replace")
     return f"{folder}: another command{f' ({owner})' if owner else ''} is writing here; let it end first"
 

@@ -66,3 +66,16 @@ def test_a_line_that_is_no_record_is_named(tmp_path, line, says) -> None:
         with pytest.raises(DatasetError, match=rf"log\.jsonl, line 2: .*{says}"):
             read()
     assert (tmp_path / "log.jsonl").read_bytes() == lines[0] + line + lines[1]
+
+
+def test_a_path_that_tensorboard_cannot_write_is_logged_without_it(tmp_path, monkeypatch) -> None:
+    """In a locale without UTF-8, it encodes the path and fails."""
+
+    def writer(folder: str, **_) -> None:
+        raise UnicodeEncodeError("utf-8", folder, 0, 1, "surrogates not allowed")
+
+    monkeypatch.setattr("torch.utils.tensorboard.SummaryWriter", writer)
+    log = Log(tmp_path, 0)
+    log.write("train", 1, {"loss": 1.0})
+    log.close()
+    assert len(records(tmp_path, "train")) == 1

@@ -216,6 +216,21 @@ def test_no_worker_outlives_its_parent(tmp_path, number):
         assert stderr.count("KeyboardInterrupt") == 1 and "Process" not in stderr.replace("ProcessPool", "")
 
 
+def test_a_cluster_without_workers_is_noted(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    notes, results = [], []
+    monkeypatch.setattr(workers, "_TASK_LOCK", nullcontext())
+    with distributed.LocalCluster(
+        n_workers=0, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50
+    ) as local:
+        monkeypatch.setattr(workers, "print_note", lambda line: (notes.append(line), local.scale(1)))
+        run_tasks(pow, [(3, 2)], lambda _, result: results.append(result), scheduler=local.scheduler_address)
+        run_tasks(pow, [(4, 2)], lambda _, result: results.append(result), scheduler=local.scheduler_address)
+    address = local.scheduler_address
+    assert notes == [f"--scheduler {address}: has no workers; the work begins when one connects to it"]
+    assert results == [9, 16]
+
+
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(workers, "ANSWER_WITHIN", 0.5)

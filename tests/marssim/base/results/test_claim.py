@@ -1,8 +1,10 @@
 """How a command claims the folder of its results, and which folders it refuses."""
 
+import errno
 import json
 import math
 import os
+from contextlib import nullcontext
 
 import pytest
 
@@ -178,3 +180,20 @@ def test_differences_name_the_outer_settings_first_and_compare_lists_by_their_pa
     assert differences(before, now) == ["name one, not two", "pair 1 2, not 1 3", "scenes[0].rocks.k 0.1, not 0.2"]
     assert differences(before, before) == [] and differences({}, {"new": None}) == []
     assert as_typed(None) == "none" and as_typed((1, 2.5)) == "1 2.5"
+
+
+@pytest.mark.parametrize(("code", "passes"), [(errno.ENOTEMPTY, True), (errno.ENOENT, True), (errno.EACCES, False)])
+def test_a_half_written_folder_in_which_a_worker_still_writes_is_left(tmp_path, monkeypatch, code, passes):
+    """Workers of a cluster finish their tasks after a Ctrl-C, and the same command may be called again at once."""
+    (tmp_path / ".00.1.partial").mkdir()
+
+    def failing(folder):
+        raise OSError(code, "changed meanwhile", str(folder))
+
+    folder = ResultFolder(tmp_path, "dataset", partial=(".*.partial",))
+    with monkeypatch.context() as patch:
+        patch.setattr("marssim.base.results.claim.shutil.rmtree", failing)
+        with nullcontext() if passes else pytest.raises(OSError):
+            folder.clear_partial()
+    folder.clear_partial()
+    assert not list(tmp_path.iterdir())

@@ -166,3 +166,23 @@ def test_a_link_in_the_folder_leads_nowhere(tmp_path):
 def test_a_pipe_in_place_of_the_lock_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / ".lock")
     check_unused(tmp_path)
+
+
+UNGUARDED = """
+from multiprocessing import get_context
+from pathlib import Path
+from marssim.base.results.lock import sole_writer
+
+with sole_writer(Path(__file__).parent / "out"):
+    process = get_context("spawn").Process(target=print)
+    process.start()
+    process.join()
+"""
+
+
+@needs_flock
+def test_a_script_that_its_own_workers_import_is_given_the_remedy(tmp_path):
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    done = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, check=True)
+    last = done.stderr.strip().splitlines()[-1]
+    assert "FolderInUse" in last and last.endswith("put what calls it under `if __name__ == '__main__':`")
