@@ -63,7 +63,8 @@ class Cause(StrEnum):
     """Why a drive of the navigator failed (envs.recording.failure_cause)."""
 
     ODOMETRY = "odometry error"
-    """It ended away from the goal or beyond the ground, and believed otherwise."""
+    """It ended away from the goal or beyond the ground, and believed otherwise; or it hit, or tilted on, an obstacle
+    that the map of true depth shows only where true poses make it."""
     KNOWN_OBSTACLE = "known obstacle"
     """It hit, or tilted on, an obstacle that the navigator's map shows."""
     MISSED_OBSTACLE = "missed obstacle"
@@ -94,7 +95,7 @@ def causes_of(outcome: str) -> frozenset[Cause]:
     if outcome == "elsewhere":
         return frozenset({Cause.ODOMETRY})
     if outcome in ("collision", "tilt"):
-        return frozenset(contact)
+        return frozenset(contact | {Cause.ODOMETRY})
     path = set(Cause) - contact - {Cause.ODOMETRY, Cause.NO_PROGRESS}
     if outcome == "out_of_bounds":
         return frozenset(path | {Cause.ODOMETRY})

@@ -18,6 +18,7 @@ from nav.path.open_path import is_open
 from nav.path.planner import Planner
 
 TOUCHED = 0.3  # [m] from the footprint, within which a true obstacle may be what the rover hit
+SAME_POSE = 1e-6  # [m] rounding of odometry that does not err
 SAME_OBSTACLE = 0.2  # [m] within which an obstacle on the other map is the same
 IN_WORDS = {
     Cause.ODOMETRY: "its odometry erred",
@@ -45,21 +46,31 @@ class TrueDepthMap:
         """Make the map of a navigator that has seen nothing yet."""
         self._navigator = navigator
         self._map = ElevationMap(navigator.config.elevation)
+        self._at_true_places: ElevationMap | None = None  # from when on the odometry errs
         self._started = False
 
     def see(self, env: MarsNavEnv) -> None:
         """Put the true depth of the present look on the map."""
-        assert env.sight is not None
-        pose, spec, sight = env.believed_pose, self._navigator.spec, env.sight
+        assert env.sight is not None and env.vehicle is not None
+        pose, true_pose, sight = env.believed_pose, env.vehicle.state().pose, env.sight
         if not self._started:
             self._map.clear(pose[:2, 3])
             self._map.assume_flat(pose, self._navigator.config.clear_radius)
             self._started = True
-        self._map.recentre(pose[:2, 3])
-        self._map.assume_under(pose, spec.length, spec.width)
-        if env.gaze.fresh and sight.true_depth is not None:
-            eye = pose @ spec.mount.left_eye(sight.rig.baseline, env.gaze.pan)
-            self._map.integrate(sight.true_depth, None, sight.rig, eye)
+        if self._at_true_places is None and np.abs(pose - true_pose).max() > SAME_POSE:
+            self._at_true_places = deepcopy(self._map)
+        eye = pose @ self._navigator.spec.mount.left_eye(sight.rig.baseline, env.gaze.pan)
+        self._add(self._map, pose, eye, env)
+        if self._at_true_places is not None:
+            self._add(self._at_true_places, true_pose, sight.pose, env)
+
+    def _add(self, elevation: ElevationMap, pose: np.ndarray, eye: np.ndarray, env: MarsNavEnv) -> None:
+        """Put the true depth of the present look on a map, from poses (4, 4) of the rover and its left eye."""
+        spec, sight = self._navigator.spec, env.sight
+        elevation.recentre(pose[:2, 3])
+        elevation.assume_under(pose, spec.length, spec.width)
+        if env.gaze.fresh and sight is not None and sight.true_depth is not None:
+            elevation.integrate(sight.true_depth, None, sight.rig, eye)
 
     def cause(self, env: MarsNavEnv) -> Cause | None:
         """Return why the drive failed that has just ended.
@@ -70,30 +81,42 @@ class TrueDepthMap:
         assert env.course is not None
         if env.outcome in ("goal", DRIVING) or not self._started or self._navigator.prior is not None:
             return None
-        pose, area = env.believed_pose, env.course.area
-        place = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+        place, area = _place(env.believed_pose), env.course.area
         inside = area[0] <= place[0] <= area[2] and area[1] <= place[1] <= area[3]
         if env.outcome == "elsewhere" or (env.outcome == "out_of_bounds" and inside):
             return Cause.ODOMETRY
         if env.outcome in ("collision", "tilt"):
-            return self._cause_of_contact(place)
+            assert env.vehicle is not None
+            return self._cause_of_contact(place, _place(env.vehicle.state().pose))
         cause = self._cause_of_blocked_path(place, np.asarray(env.course.goal, dtype=float)[:2])
         return Cause.NO_PROGRESS if cause is Cause.DETOUR and env.outcome == "stuck" else cause
 
-    def _cause_of_contact(self, place: np.ndarray) -> Cause:
-        """Return the cause of a contact at a place (3,): whether the maps show the obstacle that is nearest there.
+    def _cause_of_contact(self, place: np.ndarray, true_place: np.ndarray) -> Cause:
+        """Return the cause of a contact: whether the maps show the obstacle that is nearest there.
 
         The rules are those without extra risk: what the navigator drove over on purpose was known to it.
+
+        Args:
+            place: (3,) where the navigator believes to be.
+            true_place: (3,) where the rover is.
         """
+        rows, columns = self._touched(self._map, place)
+        if not len(rows):
+            other = self._at_true_places
+            seen = other is not None and len(self._touched(other, true_place)[0])
+            return Cause.ODOMETRY if seen else Cause.UNSEEN_OBSTACLE
         spec, rules = self._navigator.spec, self._navigator.config.traversability
-        cells = np.argwhere(assess(self._map, spec, rules).blocked)
-        x, y = self._map.centres()
-        room = _room(np.column_stack([x[cells[:, 1]], y[cells[:, 0]]]), place, self._navigator)
-        if not len(cells) or room.min() > TOUCHED:
-            return Cause.UNSEEN_OBSTACLE
-        rows, columns = cells[room <= room.min() + self._map.config.cell].T
         beside = assess(self._navigator.map, spec, rules).clearance[rows, columns]
         return Cause.KNOWN_OBSTACLE if beside.min() <= SAME_OBSTACLE else Cause.MISSED_OBSTACLE
+
+    def _touched(self, elevation: ElevationMap, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return rows and columns of the obstacle that is nearest to a place (3,); none if it is beyond TOUCHED."""
+        cells = np.argwhere(assess(elevation, self._navigator.spec, self._navigator.config.traversability).blocked)
+        x, y = elevation.centres()
+        room = _room(np.column_stack([x[cells[:, 1]], y[cells[:, 0]]]), place, self._navigator)
+        nearest = room.min(initial=np.inf)
+        rows, columns = cells[(room <= nearest + elevation.config.cell) & (nearest <= TOUCHED)].T
+        return rows, columns
 
     def _cause_of_blocked_path(self, place: np.ndarray, goal: np.ndarray) -> Cause:
         navigator, own, true = self._navigator, self._navigator.map, self._map
@@ -126,6 +149,11 @@ def _corrected(own: ElevationMap, true: ElevationMap, where: np.ndarray) -> Elev
     for name in LAYERS:
         getattr(out, name)[where] = getattr(true, name)[where]
     return out
+
+
+def _place(pose: np.ndarray) -> np.ndarray:
+    """Return x, y [m] and heading [rad] of a pose (4, 4)."""
+    return np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
 
 
 def _room(points: np.ndarray, place: np.ndarray, navigator: Navigator) -> np.ndarray:

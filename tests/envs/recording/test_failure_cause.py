@@ -20,11 +20,12 @@ WALL = RockWorld(boxes=np.array([[4.0, 0.0, 0.3, 6.0, 0.6]]))  # from border to 
 AHEAD = RockWorld(domes=np.array([[2.2, 0.0, 0.4, 0.5]]))
 
 
-def driven(true, believed, at=0.0, unknown=None, area=AREA, prior=None):
+def driven(true, believed, at=0.0, unknown=None, area=AREA, prior=None, drift=(0.0, 0.0)):
     """Return the maps and the environment after a drive of 2.75 m straight ahead to x = `at` [m], with the depth of
     another world.
 
     unknown: a function of the x of what pixels see [m] that tells where the depth is unknown.
+    drift: what the odometry adds to x and y with each step [m].
     """
     env = SimpleNamespace(rover_spec=ZHURONG, gaze=SimpleNamespace(pan=0.0, fresh=True))
     env.course = SimpleNamespace(area=area, goal=np.array([8.0, 0.0]))
@@ -32,8 +33,10 @@ def driven(true, believed, at=0.0, unknown=None, area=AREA, prior=None):
     beside = TrueDepthMap(navigator)
     for step, pan in enumerate((0.6, 0.0, -0.6, 0.0) * 3):
         x = at - 0.25 * (11 - step)  # it moves at each step, or the navigator would note that it bumped into something
-        env.believed_pose, env.gaze.pan = body_pose(x, 0.0, 0.0), pan
-        eye = env.believed_pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, pan)
+        pose, env.gaze.pan = body_pose(x, 0.0, 0.0), pan
+        env.vehicle = SimpleNamespace(state=lambda pose=pose: SimpleNamespace(pose=pose))
+        env.believed_pose = body_pose(x + step * drift[0], step * drift[1], 0.0)
+        eye = pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, pan)
         depth, truth = (world.depth(SMALL_RIG, eye) for world in (believed, true))
         if unknown is not None:
             ground_x = eye[0, 3] + depth * (SMALL_RIG.camera.rays() @ eye[:3, :3].T)[..., 0]
@@ -132,6 +135,16 @@ def test_a_drive_that_ends_elsewhere_was_led_there_by_its_odometry(plain_drive):
     assert cause_of(plain_drive, "elsewhere") is Cause.ODOMETRY
 
 
+@pytest.mark.parametrize(("drift", "cause"), [((-0.08, 0.0), Cause.ODOMETRY), ((0.0, 1e-9), Cause.KNOWN_OBSTACLE)])
+def test_an_obstacle_that_only_a_map_of_true_poses_shows_was_hit_by_wrong_odometry(drift, cause):
+    """The rover believed that it had not gone so far; the rock was never between the places of its looks and itself."""
+    assert cause_of(driven(AHEAD, AHEAD, at=0.9, drift=drift), "collision") is cause
+
+
+def test_what_no_map_shows_is_unseen_whatever_the_odometry():
+    assert cause_of(driven(PLAIN, PLAIN, at=0.9, drift=(-0.08, 0.0)), "collision") is Cause.UNSEEN_OBSTACLE
+
+
 def test_an_arrival_and_a_drive_that_has_not_begun_have_no_cause(plain_drive):
     assert cause_of(plain_drive, "goal") is None
     env = SimpleNamespace(course=SimpleNamespace(area=AREA), outcome="collision")
@@ -182,7 +195,8 @@ def test_the_map_of_true_depth_follows_the_rover():
     env = SimpleNamespace(gaze=SimpleNamespace(pan=0.0, fresh=True), sight=SimpleNamespace(rig=SMALL_RIG))
     beside = TrueDepthMap(Navigator(ZHURONG, SMALL))
     for x in np.arange(0.0, 32.0, 2.0):
-        env.believed_pose = body_pose(x, 0.0, 0.0)
+        env.believed_pose = pose = body_pose(x, 0.0, 0.0)
+        env.vehicle = SimpleNamespace(state=lambda pose=pose: SimpleNamespace(pose=pose))
         env.sight.true_depth = PLAIN.depth(SMALL_RIG, env.believed_pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
         beside.see(env)
         column, row = beside._map.cell_of(np.array([x + 4.0, 0.0]))
