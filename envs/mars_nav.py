@@ -122,7 +122,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `pan`                | pan of the mast [rad]                                                                 |
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |
-    | `looked`             | with `look_every`: whether this step ended with a look                                |
+    | `looked`             | whether this step ended with a look, as every step does without `look_every`          |
     | `redraws`            | rejected courses: no way to the goal, or a steep end; 0 after a scene's first episode |
     | `slip`               | with `slip`: share of the wheels' way in this step that the rover did not make        |
     | `sideways`           | with `slip`: how far the rover slid to its left in this step [m]                      |
@@ -304,7 +304,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         self.perception.open(course.scene, rng_of_perception(self.np_random))
         self._odometry = Odometry(self.drift, self.yaw_drift, np.random.default_rng(self.np_random.integers(2**63)))
         self.believed_pose = self._odometry.update(self.vehicle.state().pose)
-        self._gauge = SlipGauge(settings.slip, self.vehicle)
+        self._gauge = SlipGauge(settings.slip, self.vehicle, self.draws.may_slip)
         if self.map_view is not None:
             self.map_view.start(self.believed_pose)
         self.referee = Referee(course, self.rover_spec, settings.course.goal_distance)

@@ -22,6 +22,7 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from importlib.util import find_spec
 from multiprocessing import parent_process
 from pathlib import Path
@@ -45,11 +46,12 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.files.no_link import append_line
 from marssim.base.results.claim import ResultFolder
-from marssim.base.results.code_state import versions
+from marssim.base.results.code_state import joined_versions, versions
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.presets import PRESETS
 
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
+LEARNING = ("gymnasium", "stable-baselines3")  # packages that learn, beside those of versions()
 SECONDS, VERSIONS = "seconds", "versions"  # keys in SETTINGS_FILE: time of training [s], versions of packages
 LOST = f"a worker process ended: its error is above, or it was killed, perhaps for lack of memory; {GOES_ON}"
 RATE = 1e-3  # learning rate at the start
@@ -141,23 +143,26 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
     folder.check_place(config.out)
     if path.is_file() and not read_policy(path).corridors:  # raises ValueError for a file of another kind
         raise ValueError(f"{path}: is not a policy of envs.train_ppo; choose another --out")
-    with folder.claim(**{VERSIONS: versions()}) as previous:
+    with folder.claim() as previous:
         if previous is None:
             (config.out / LOG).unlink(missing_ok=True)  # of a policy that was deleted
         used = 0.0 if previous is None else _seconds(folder.mark_path, previous)
-        _train(config, folder, path, rollout, used)
+        _train(config, folder, path, rollout, used, _versions(previous))
     return path
 
 
-def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, used: float) -> None:
+def _train(
+    config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, used: float, used_versions: dict[str, Any]
+) -> None:
     """Train the policy until the time or the steps are used up.
 
     Args:
         config: The settings.
-        folder: The run's folder, claimed; the time of training is noted in it.
+        folder: The run's folder, claimed; the time of training and the versions are noted in it.
         path: File of the policy.
         rollout: Choices in each environment between two updates.
         used: Time of training of earlier runs [s].
+        used_versions: The versions of this and of earlier runs.
     """
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -177,7 +182,7 @@ def _train(config: PPOConfig, folder: ResultFolder, path: Path, rollout: int, us
 
     def save(model: Any) -> None:
         _save(model, path)
-        folder.note(**{SECONDS: round(trained(), 1)})
+        folder.note(**{SECONDS: round(trained(), 1), VERSIONS: used_versions})
 
     class Clock(BaseCallback):
         """Ends the training in time, saves the policy after each update, and prints the progress before it."""
@@ -321,6 +326,13 @@ def _folder(config: PPOConfig) -> ResultFolder:
         config.out, "policy", SETTINGS_FILE, config.courses(), notes=(SECONDS, VERSIONS), shared=True,
         has_results=has_results,
     )  # fmt: skip
+
+
+def _versions(previous: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the versions of packages and the machine, joined with those that earlier runs noted."""
+    earlier = {} if previous is None else previous.get(VERSIONS)
+    now = {**versions(), **{package: version(package) for package in LEARNING}}
+    return joined_versions([earlier, now] if isinstance(earlier, dict) and earlier else [now])
 
 
 def _seconds(file: Path, previous: dict[str, Any]) -> float:

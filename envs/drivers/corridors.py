@@ -38,7 +38,7 @@ _ROOM_CELLS = round(2.0 / CELL)  # cells of a way over which its room is measure
 ROOM = 1.5  # [m] beyond which more room makes no difference
 
 
-class Corridors(gymnasium.Wrapper):
+class Corridors(gymnasium.Wrapper, gymnasium.utils.RecordConstructorArgs):
     """Vectors for a multilayer perceptron instead of images, on a MarsNavEnv that was made with map_observation=True.
 
     Observation `Box((36,), float32)`:
@@ -57,7 +57,8 @@ class Corridors(gymnasium.Wrapper):
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
-        super().__init__(env)
+        gymnasium.utils.RecordConstructorArgs.__init__(self)
+        gymnasium.Wrapper.__init__(self, env)
         check_observations(env, "Corridors", with_map=True)
         self.observation_space = corridor_space()
         self.action_space = spaces.Discrete(WAYS)

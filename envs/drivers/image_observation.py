@@ -12,7 +12,7 @@ from envs.observation.spaces import check_observations, share_of_distance
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH
 
 
-class ImageObservation(gymnasium.ObservationWrapper):
+class ImageObservation(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructorArgs):
     """MarsNav-v0 with depth and map as uint8 images, as `MultiInputPolicy` of stable-baselines3 expects them.
 
     Images have their channels first; the goal's distance lies in [0, 1].
@@ -27,7 +27,8 @@ class ImageObservation(gymnasium.ObservationWrapper):
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
-        super().__init__(env)
+        gymnasium.utils.RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
         check_observations(env, "ImageObservation", with_map=False)
         self.observation_space = image_space(env.observation_space)
 

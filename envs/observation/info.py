@@ -32,5 +32,5 @@ def episode_info(outcome: str, course: Course, way: WayDriven, gaze: Gaze, belie
         "position_error": float(np.hypot(*(believed_pose[:2, 3] - way.place[:2]))),
         "perception_seconds": gaze.sight.seconds if gaze.fresh else 0.0,
         "redraws": course.redraws,
-        **({"looked": gaze.fresh} if gaze.every > 0 else {}),
+        "looked": gaze.fresh,
     }

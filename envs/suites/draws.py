@@ -127,6 +127,11 @@ class EpisodeDraws:
                 check_rocks(place, course)
         self._scene, self._eyes = scene, eyes
 
+    @property
+    def may_slip(self) -> bool:
+        """Whether the wheels slip in some of the episodes."""
+        return any(each is not None for each in self._slips)
+
     def draw(self, rng: np.random.Generator) -> EpisodeSettings:
         """Return the settings of the next episode. Where nothing is to be drawn, rng is not used."""
         numbers: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in self._ranges.items()}

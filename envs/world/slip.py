@@ -42,9 +42,15 @@ def known_slip(slip: SlipConfig | GroundName | None) -> SlipConfig | None:
 class SlipGauge:
     """Follows the slip of a vehicle through an episode."""
 
-    def __init__(self, config: SlipConfig | None, vehicle: Vehicle) -> None:
-        """Begin with the vehicle at rest; config: None for wheels that do not slip."""
-        self._config = config
+    def __init__(self, config: SlipConfig | None, vehicle: Vehicle, reported: bool) -> None:
+        """Begin with the vehicle at rest.
+
+        Args:
+            config: None for wheels that do not slip.
+            vehicle: The vehicle.
+            reported: Whether `info` has the values, which are 0 for wheels that do not slip.
+        """
+        self._config, self._reported = config, reported
         self._place = vehicle.state().position[:2].copy()
         self._last = Slippage()
         self._excess = np.zeros(2)
@@ -80,8 +86,8 @@ class SlipGauge:
         return float(self._excess @ [np.cos(yaw), np.sin(yaw)]) / seconds
 
     def info(self) -> dict[str, float]:
-        """Return what MarsNavEnv's info says of the slip; nothing for wheels that do not slip."""
-        if self._config is None:
+        """Return what MarsNavEnv's info says of the slip; nothing where it is not reported."""
+        if not self._reported:
             return {}
         return {
             "slip": self._last.slip, "sideways": self._last.sideways, "sinkage": self._last.sinkage,

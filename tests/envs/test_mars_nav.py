@@ -344,12 +344,27 @@ def test_the_course_of_a_seed_is_that_of_0_2_0(make_env, small_scene):
     assert env.np_random.bit_generator.state == rng.bit_generator.state
 
 
+def test_info_has_the_same_keys_in_all_episodes_whatever_is_drawn(make_env):
+    """A wrapper that reads a key would else fail in some of them."""
+    env = make_env(goal_distance=3.0, slip=("sand", None), condition=("clear", {"look_every": 1.0}))
+    keys, slips, rare = [], set(), set()
+    for seed in range(12):
+        infos = [env.reset(seed=seed)[1], env.step(AHEAD)[4]]
+        keys += [tuple(info) for info in infos]
+        slips.add((infos[1]["drawn"]["slip"] is not None, infos[1]["energy"] > 0))
+        rare.add((env.gaze.every > 0, infos[1]["looked"]))
+    assert len(set(keys)) == 1 and {"slip", "sideways", "sinkage", "energy", "drive_seconds"} < set(keys[0])
+    assert slips == {(True, True), (False, False)} and rare == {(True, False), (False, True)}
+    assert "slip" not in make_env().reset(seed=1)[1]
+
+
 def test_what_is_drawn_is_a_course_that_options_can_repeat(make_env):
     env, plain = make_env(k=(0.0, 0.2), goal_distance=(3.0, 6.0), slip=("sand", None)), make_env()
     _, info = env.reset(seed=8)
     drawn = dict(info["drawn"])
     assert set(drawn) == {"goal_distance", "k", "slip"} and info["distance"] == pytest.approx(drawn["goal_distance"])
-    assert ("energy" in info) == (drawn.pop("slip") is not None) and info["drawn"] == env.step(AHEAD)[4]["drawn"]
+    drawn.pop("slip")
+    assert info["drawn"] == env.step(AHEAD)[4]["drawn"]
     _, again = plain.reset(seed=8, options=drawn)
     np.testing.assert_array_equal(env.course.start, plain.course.start)
     np.testing.assert_array_equal(env.course.scene.bodies.centre, plain.course.scene.bodies.centre)

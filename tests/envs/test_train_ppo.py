@@ -9,6 +9,7 @@ import time
 import zipfile
 from dataclasses import replace
 
+import gymnasium
 import pytest
 import torch
 
@@ -31,7 +32,14 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
     with (tmp_path / "log.jsonl").open("a") as log:
         # of a rollout after which no policy was saved, and all that a full disk took
         log.write('{"choices": 12, "arrived": 0.5, "episodes": 1}\n{"choices": 1')
+    about = json.loads((tmp_path / "train_ppo.json").read_text())
+    now = about["versions"]
+    assert now["gymnasium"] == gymnasium.__version__ and now["stable-baselines3"] and now["torch"]
+    about["versions"] = {**now, "gymnasium": "1.0"}
+    (tmp_path / "train_ppo.json").write_text(json.dumps(about))
     assert train(PPOConfig(**config, max_steps=16), rollout=8) == path
+    noted = json.loads((tmp_path / "train_ppo.json").read_text())["versions"]
+    assert noted == {**now, "gymnasium": ["1.0", now["gymnasium"]]}
     assert zipfile.ZipFile(path).read("policy.pth") != first
     whole = path.read_bytes()
     monkeypatch.setattr("envs.train_ppo.mark_corridors", killed)  # while it saves

@@ -155,6 +155,18 @@ def test_gymnasium_accepts_it(make_env):
     env_checker.check_env(Corridors(make_env(map_observation=True)), skip_render_check=True, skip_close_check=True)
 
 
+@pytest.mark.parametrize("wrapper", [Corridors, ImageObservation])
+def test_gymnasium_makes_it_again_from_its_spec(small_scene, wrapper):
+    """As its checker does, and a vector environment of a spec."""
+    settings = {"goal_distance": 3.0, "map_observation": True, "perception": "ground_truth", "dynamics": "kinematic"}
+    env = wrapper(gymnasium.make("envs:MarsNav-v0", scene=small_scene, **settings))
+    again = gymnasium.make(env.spec)
+    assert type(again) is wrapper and again.observation_space == env.observation_space
+    assert again.unwrapped.map_view is not None
+    for each in (env, again):
+        each.close()
+
+
 @pytest.mark.parametrize("action", [-1, WAYS, 3.0, 12.7, np.nan, "left"])
 def test_a_way_that_does_not_exist_is_named(make_env, action):
     env = Corridors(make_env(map_observation=True))

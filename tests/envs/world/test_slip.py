@@ -114,7 +114,7 @@ class Sliding:
 
 
 def test_the_excess_speed_is_that_of_the_wheels_along_the_heading():
-    gauge = SlipGauge(SlipConfig("sand"), Sliding())
+    gauge = SlipGauge(SlipConfig("sand"), Sliding(), True)
     gauge.update(Sliding())
     assert gauge.excess_speed(np.pi / 2, 2.0) == pytest.approx(0.2)
     assert gauge.excess_speed(0.0, 2.0) == pytest.approx(0.0)
