@@ -363,7 +363,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
             from envs.world.outside_view import OutsideView
 
             self._view = OutsideView(self.course.scene, self.perception.renderer)
-        return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self.gaze.pan))
+        return self._view.picture(self.vehicle.state(), self.vehicle.mesh(self.gaze.pan), self._steps)
 
     def close(self) -> None:
         """Free physics and renderer; may be called twice."""

@@ -121,7 +121,7 @@ class Film:
         if self._view is None or self._view.scene is not env.course.scene:
             self._view = OutsideView(env.course.scene, env.perception.renderer)
         sight, state = env.sight, env.vehicle.state()
-        outside = self._view.picture(state, env.vehicle.mesh(env.gaze.pan))
+        outside = self._view.picture(state, env.vehicle.mesh(env.gaze.pan), step)
         left, normal = sight.left, sight.normal
         if left is None:  # the perception is the ground truth, and took no picture
             picture = env.perception.picture(sight.pose)

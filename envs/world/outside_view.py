@@ -40,22 +40,25 @@ class OutsideView:
         self.caster = shared if isinstance(shared, EmbreeRenderer) else EmbreeRenderer(scene)
         self.shader = Shader(scene)
         self._heading: float | None = None
+        self._step: int | None = None  # that of the last picture
 
-    def picture(self, state: RoverState, parts: list[Part]) -> np.ndarray:
+    def picture(self, state: RoverState, parts: list[Part], step: int) -> np.ndarray:
         """Return a picture of the rover's parts on the scene, from behind, above and aside: (400, 800, 3) uint8 RGB.
 
         Args:
             state: Where the rover is.
             parts: Its parts, from Vehicle.mesh.
+            step: Number of the step. The camera turns after the rover once a step, so that a second picture of the
+                same step is the same.
         """
-        pose = self._chase(state)
+        pose = self._chase(state, step)
         camera = PinholeCamera.centred(WIDTH, HEIGHT, 0.75 * WIDTH)
         rover = MeshTracer([_part(part, n) for n, part in enumerate(parts)])
         rays = camera.rays().reshape(-1, 3)
         colour, surface = self._shade(rays, camera.fx, pose, rover, parts)
         edge = np.flatnonzero(_borders(surface.reshape(HEIGHT, WIDTH)).ravel())
-        step = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
-        fine = (rays[edge, None] + step).reshape(-1, 3)
+        aside = np.array([[du / camera.fx, dv / camera.fy, 0] for du, dv in SUBPIXELS])
+        fine = (rays[edge, None] + aside).reshape(-1, 3)
         colour[edge] = self._shade(fine, camera.fx, pose, rover, parts)[0].reshape(len(edge), -1, 3).mean(axis=1)
         colour = colour.reshape(HEIGHT, WIDTH, 3)
         gain = SENSOR.gain(colour[HEIGHT // 3 :], np.ones(colour[HEIGHT // 3 :].shape[:2], dtype=bool))
@@ -66,12 +69,13 @@ class OutsideView:
         if self._own:
             self.caster.close()
 
-    def _chase(self, state: RoverState) -> np.ndarray:
+    def _chase(self, state: RoverState, step: int) -> np.ndarray:
         """Return the camera's pose behind the rover; it follows turns slowly, so that a film is calm."""
         if self._heading is None:
             self._heading = state.yaw
-        turn = wrapped(state.yaw - self._heading)
-        self._heading += 0.3 * turn
+        if step != self._step:
+            self._heading += 0.3 * wrapped(state.yaw - self._heading)
+            self._step = step
         c, s = np.cos(self._heading), np.sin(self._heading)
         offset = np.array([-BEHIND * c + ASIDE * s, -BEHIND * s - ASIDE * c])
         eye = np.append(state.position[:2] + offset, state.position[2] + ABOVE)

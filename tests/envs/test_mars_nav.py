@@ -596,6 +596,15 @@ def test_either_renderer_can_be_seen_from_outside(make_env):
     assert not np.array_equal(env.render(), picture)  # of this course, not of the one before
 
 
+def test_a_second_picture_of_the_same_step_is_the_same(make_env):
+    env = make_env(render_mode="rgb_array", goal_distance=3.0)
+    env.reset(seed=0)
+    env.render()
+    env.step(np.array([0, 1], np.float32))
+    picture = env.render()
+    np.testing.assert_array_equal(env.render(), picture)
+
+
 @pytest.mark.parametrize(("perception", "dynamics"), [("ground_truth", "kinematic"), ("sgbm", "physics")])
 def test_a_scene_is_forgotten_before_the_next_one_is_made_and_at_the_end(make_env, monkeypatch, perception, dynamics):
     """But for a scene that is kept."""

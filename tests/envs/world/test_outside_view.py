@@ -23,7 +23,7 @@ def view_and_rover(make_scene):
 def pictures(view_and_rover):
     """With the rover, without it, and with it a metre aside."""
     view, state, parts = view_and_rover
-    return [view.picture(state, moved(parts, offset)) for offset in ((0, 0, 0), (0, 0, -50), (-0.4, 0.9, 0))]
+    return [view.picture(state, moved(parts, offset), 0) for offset in ((0, 0, 0), (0, 0, -50), (-0.4, 0.9, 0))]
 
 
 def moved(parts, offset):
@@ -56,7 +56,7 @@ def test_the_rover_is_drawn_where_it_stands(pictures):
 
 def test_the_same_state_is_the_same_picture(view_and_rover, pictures):
     view, state, parts = view_and_rover
-    np.testing.assert_array_equal(view.picture(state, parts), pictures[0])
+    np.testing.assert_array_equal(view.picture(state, parts, 1), pictures[0])
 
 
 def test_the_sky_is_above_and_the_ground_is_red(pictures):
@@ -70,13 +70,14 @@ def test_the_camera_follows_turns_slowly_and_stands_behind(make_scene, view_and_
     _, state, _ = view_and_rover
     view = OutsideView(make_scene())
     level = replace(state, yaw=0.0, position=np.zeros(3))
-    first = view._chase(level)
+    first = view._chase(level, 0)
     assert first[0, 3] < -3 and first[2, 3] > 2 and first[0, 2] > 0.8  # behind, above, looking forward
-    turned = view._chase(replace(level, yaw=np.pi / 2))
+    turned = view._chase(replace(level, yaw=np.pi / 2), 1)
     direction = np.arctan2(turned[1, 2], turned[0, 2]) - np.arctan2(first[1, 2], first[0, 2])
     assert direction == pytest.approx(0.3 * np.pi / 2, abs=1e-6)
-    for _ in range(20):
-        turned = view._chase(replace(level, yaw=np.pi / 2))
+    np.testing.assert_array_equal(view._chase(replace(level, yaw=np.pi / 2), 1), turned)  # a second look at this step
+    for step in range(2, 22):
+        turned = view._chase(replace(level, yaw=np.pi / 2), step)
     assert turned[1, 3] < -3
     view.close()
 
@@ -87,6 +88,6 @@ def test_the_camera_stays_above_what_it_stands_on(make_scene, view_and_rover):
     heights = []
     for scene in (make_scene(lambda x, y: np.where(x < -2, 3.0, 0.0)), make_scene(rocks=[(-4.2, -1.6, 2.4, 1.8)])):
         view = OutsideView(scene)
-        heights.append(view._chase(level)[2, 3])
+        heights.append(view._chase(level, 0)[2, 3])
         view.close()
     assert heights[0] >= 3.9 and heights[1] >= 2.8
