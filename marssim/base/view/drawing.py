@@ -47,24 +47,35 @@ class Drawing:
         """Replace the cloud.
 
         Args:
-            view: Holds the points.
+            view: Holds the points; without any there is no cloud.
             layer: Their colours.
             pose: (4, 4) left camera to world.
             size: Size of a point [m].
         """
+        self.remove_cloud()
+        if not len(view.points):
+            return  # browsers warn of empty clouds
         self.group("Cloud")
         self._cloud = self.scene.add_point_cloud(
             "/Cloud/points", view.points, layer.colours, point_size=size, point_shape="circle", point_shading="flat",
             precision="float32", **_placed(pose),
         )  # fmt: skip
 
+    def remove_cloud(self) -> None:
+        """Remove the cloud if there is one."""
+        if self._cloud is not None:
+            self._cloud.remove()
+        self._cloud = None
+
     def recolour(self, layer: Layer) -> None:
-        """Give the points of the cloud other colours."""
-        self._cloud.colors = layer.colours
+        """Give the points of the cloud, if there is one, other colours."""
+        if self._cloud is not None:
+            self._cloud.colors = layer.colours
 
     def resize(self, size: float) -> None:
-        """Give the points of the cloud another size [m]."""
-        self._cloud.point_size = size
+        """Give the points of the cloud, if there is one, another size [m]."""
+        if self._cloud is not None:
+            self._cloud.point_size = size
 
     def draw_cameras(self, view: View, pose: np.ndarray) -> None:
         """Replace the two cameras; the left one has its image.

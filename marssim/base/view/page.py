@@ -48,9 +48,10 @@ class Page:
         self._server.scene.set_up_direction("+z")
         self._drawing = Drawing(self._server.scene)
         self._boxes: dict[str, Any] = {}
+        self._has_path, self._has_size = False, False
         self._add_controls(title)
-        self._draw()
         self._draw_path()
+        self._draw()
         camera = self._server.initial_camera
         camera.position, camera.look_at = self._stands()["From behind"]
 
@@ -78,8 +79,7 @@ class Page:
         self._colour = gui.add_dropdown("Colour", tuple(view.layers) or NO_CHOICE)
         self._colour.on_update(lambda _: self._recolour())
         self._legend = gui.add_markdown("")
-        size = float(np.clip(1000 * point_size(view), *SIZES))
-        self._size = gui.add_slider("Point size [mm]", *SIZES, 0.5, round(2 * size) / 2)
+        self._size = gui.add_slider("Point size [mm]", *SIZES, 0.5, SIZES[0])
         self._size.on_update(lambda _: self._resize())
         self._switches = gui.add_folder("Show")
         self._follow = gui.add_checkbox("Follow the camera", True, visible=number > 1)
@@ -118,12 +118,17 @@ class Page:
     def _draw(self) -> None:
         """Show the current shot."""
         view, pose = self._view, self._shot.pose
+        has_points = len(view.points) > 0
+        self._drawing.remove_cloud()  # before the controls change, so that they change nothing of the last shot's
         choices, chosen = tuple(view.layers) or NO_CHOICE, self._colour.value
         if self._colour.options != choices:
             self._colour.options = choices
             self._colour.value = chosen if chosen in choices else choices[0]
         for control in (self._colour, self._legend, self._size):
-            control.visible = bool(view.layers)
+            control.visible = has_points
+        if has_points and not self._has_size:  # of the first points; from then on the user sets it
+            size = float(np.clip(1000 * point_size(view), *SIZES))
+            self._size.value, self._has_size = round(2 * size) / 2, True
         self._drawing.draw_cloud(view, self._layer, pose, self._size.value / 1000)
         self._drawing.draw_cameras(view, pose)
         self._drawing.draw_parts(view)
@@ -131,24 +136,27 @@ class Page:
         notes = [counted(len(view.points), "point")] if view.layers else []
         self._about = f"**{self._shot.name}** {'; '.join([*notes, view.note])}".removesuffix("; ")
         self._name.content = self._about
-        cloud = ["Cloud"] if view.layers else []
-        for name in (*cloud, "Cameras", *(part.name for part in view.parts)):
-            self._add_switch(name)
+        groups = ["Cloud"] * has_points + ["Cameras"] + ["Path"] * self._has_path
+        self._show_switches([*groups, *(part.name for part in view.parts)])
 
     def _draw_path(self) -> None:
         """Show the path through the shots of the current world."""
         numbers = [number for number, shot in enumerate(self._shots) if shot.world == self._shot.world]
         self._drawing.draw_path(self._shots, numbers, self._view, self._jump)
-        if len(numbers) > 1:
-            self._add_switch("Path")
+        self._has_path = len(numbers) > 1
 
     def _jump(self, number: int) -> None:
         self._slider.value = number + 1
 
+    def _show_switches(self, names: Sequence[str]) -> None:
+        """Show the checkboxes of these groups alone. A group that has none yet gets one."""
+        for name in names:
+            if name not in self._boxes:
+                self._add_switch(name)
+        for name, box in self._boxes.items():
+            box.visible = name in names
+
     def _add_switch(self, name: str) -> None:
-        """Add the checkbox of a group that has none yet."""
-        if name in self._boxes:
-            return
         group = self._drawing.group(name)
         with self._switches:
             self._boxes[name] = box = self._server.gui.add_checkbox(name, True)

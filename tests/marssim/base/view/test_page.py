@@ -24,6 +24,10 @@ PATCH = Surface(
 SECONDS = 60.0  # that a browser on a busy machine may take
 
 
+def shown_boxes(page):
+    return {name for name, box in page._boxes.items() if box.visible}
+
+
 def wall(colour, **parts):
     """A wall 2 m ahead, whose image has one colour."""
     image = np.full((40, 40, 3), colour, np.uint8)
@@ -71,7 +75,36 @@ def test_a_shot_without_points_has_no_choice_of_colours():
         assert page._boxes.keys() == {"Cameras", "Path", "Goal"}
         page._slider.value = 2
         wait_until(lambda: page._colour.visible and page._colour.value == "image", 5)
-        wait_until(lambda: "Cloud" in page._boxes, 5)
+        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path"}, 5)
+
+
+def test_boxes_are_those_of_the_present_shot_and_remember_what_was_hidden():
+    with_map, other = wall(RED, surfaces=(PATCH,)), wall(BLUE, lines=(POLE,))
+    alone = [Shot("alone", np.eye(4), lambda: other, "another world")]
+    with Page([*shots(with_map, with_map), *alone], "walls", 0) as page:
+        assert shown_boxes(page) == {"Cloud", "Cameras", "Path", "Map"}
+        page._boxes["Map"].value = False
+        page._slider.value = 3
+        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Goal"}, 5)
+        page._slider.value = 1
+        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path", "Map"}, 5)
+        assert not page._boxes["Map"].value and not page._drawing.group("Map").visible
+
+
+def test_the_first_points_set_the_size_of_points_and_then_the_user():
+    course = replace(wall(RED), points=np.zeros((0, 3), np.float32), layers={}, reach=9.0)
+    with Page(shots(course, wall(RED), course, wall(BLUE)), "course", 0) as page:
+        assert page._drawing._cloud is None and not page._size.visible  # Chromium warns of a cloud without points
+        page._slider.value = 2
+        wait_until(lambda: page._size.visible, 5)
+        assert page._size.value == 50.0 and page._drawing._cloud.point_size == 0.05  # 40 px of 40 px at 2 m
+        page._size.value = 20.0
+        wait_until(lambda: page._drawing._cloud.point_size == 0.02, 5)
+        page._slider.value = 3
+        wait_until(lambda: page._drawing._cloud is None, 5)
+        page._slider.value = 4
+        wait_until(lambda: page._size.visible, 5)
+        assert page._size.value == 20.0 and page._drawing._cloud.point_size == 0.02
 
 
 def test_a_browser_draws_the_cloud_and_another_choice_of_colours_changes_it(browser_3d):
