@@ -42,6 +42,12 @@ function goalIsAstray(drive, step) {
   return Math.hypot(x - drive.goal[0], y - drive.goal[1]) > DATA.goalAstray;
 }
 
+// The last step up to n of which a drive has a map; -1 if there is none.
+function mapStep(drive, n) {
+  while (n >= 0 && !(drive.pictures.map[n] && drive.steps[n].map)) n -= 1;
+  return n;
+}
+
 function costColour(extra) {
   const share = Math.min(Math.max(extra / DEAR, 0), 1);
   return `hsl(${Math.round(130 - 125 * share)} 75% ${Math.round(58 - 6 * share)}%)`;
@@ -68,7 +74,8 @@ function mapPanel(drive) {
     return { x: middle(xs), y: middle(ys), half: Math.max(reach(xs), reach(ys)) };
   }
 
-  function draw(ground) {
+  // ground: the picture of the map, or null; lies: where it lies
+  function draw(ground, lies) {
     const step = drive.steps[current];
     const size = Math.max(200, Math.round(canvas.clientWidth * (window.devicePixelRatio || 1)));
     canvas.width = canvas.height = size;
@@ -100,7 +107,7 @@ function mapPanel(drive) {
     if (ground) {
       const small = document.createElement("canvas");
       paint(small, ground, TABLES.map);
-      const { west, south, cell, cells } = step.map;
+      const { west, south, cell, cells } = lies;
       context.imageSmoothingEnabled = false;
       const [left, top] = at([west, south + cell * cells]);
       context.drawImage(small, left, top, cell * cells * scale, cell * cells * scale);
@@ -152,11 +159,12 @@ function mapPanel(drive) {
   }
 
   function redraw() {
-    const uri = drive.pictures.map[current];
+    const from = mapStep(drive, current), uri = drive.pictures.map[from];
     wanted = uri;
-    note.textContent = uri ? "" : drive.steps[current].outcome === "driving" ? "this driver keeps no map" : "the drive has ended";
+    if (from < 0) note.textContent = mapStep(drive, drive.steps.length - 1) < 0 ? "this driver keeps no map" : "no map yet";
+    else note.textContent = from === current ? "" : `No map at this step: it is that of step ${from}.`;
     if (!uri) draw(null);
-    else codesOf(uri).then((ground) => { if (wanted === uri) draw(ground); });
+    else codesOf(uri).then((ground) => { if (wanted === uri) draw(ground, drive.steps[from].map); });
   }
 
   truth.addEventListener("change", redraw);

@@ -2,16 +2,20 @@ import json
 import os
 import re
 import time
+from base64 import b64decode
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from recorded_drives import candidates, content, drive_of, pose_rows, step
 
+from envs.recording.code_colours import UNKNOWN, code_colours
 from envs.recording.drive_page import FAR, NEAR, _depth_bytes, drive_page, page_script, write_drive_pages
 from envs.report import main as report_command
-from marssim.base.dataset.drive_file import encode_drive, read_drive
+from marssim.base.dataset.drive_file import MAP_CODES, encode_drive, picture_name, read_drive
 from marssim.base.files.json_file import DatasetError
+from marssim.base.files.png import encode_png
 
 
 def data_of(page):
@@ -293,6 +297,30 @@ def test_the_map_shows_where_the_odometry_takes_the_goal_to_be(browser, tmp_path
         legends.append(browser.find_element(By.CSS_SELECTOR, ".map .legend").text)
     assert "goal by odometry" not in legends[0] and "goal by odometry" in legends[1]
     assert browser.find_element(By.ID, "statuses").text == "drives"
+
+
+def test_the_end_of_a_drive_shows_the_last_map_with_a_note(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+
+    place = {"west": -8.0, "south": -8.0, "cell": 1.0, "cells": 16}
+    ground = np.full((16, 16), MAP_CODES["free"], np.uint8)
+    ground[:, :8] = MAP_CODES["blocked"]  # west of the start
+    steps = [step(), step(map=place), step(x=1.0, outcome="collision")]
+    drive = drive_of(tmp_path / "a.zip", steps, {picture_name("map", 1): encode_png(ground)}, outcome="collision")
+    (tmp_path / "a.html").write_bytes(drive_page([drive]))
+    browser.get((tmp_path / "a.html").as_uri())
+    notes, colours = [], []
+    for n in range(3):
+        browser.execute_script(f"moveTo({n})")
+        time.sleep(0.3)
+        notes.append(browser.find_element(By.CSS_SELECTOR, ".map .tools span").text)
+        uri = browser.execute_script("return document.querySelector('.map canvas').toDataURL()")
+        picture = cv2.imdecode(np.frombuffer(b64decode(uri.partition(",")[2]), np.uint8), cv2.IMREAD_COLOR_RGB)
+        colours.append([picture[40, round(share * len(picture))].tolist() for share in (0.4, 0.6)])  # 1.8 m aside
+    assert notes == ["no map yet", "", "No map at this step: it is that of step 1."]
+    blocked, free = (code_colours()["map"][MAP_CODES[name]].tolist() for name in ("blocked", "free"))
+    assert colours == [[list(UNKNOWN)] * 2, [blocked, free], [blocked, free]]
+    assert browser.get_log("browser") == []
 
 
 def test_a_chosen_motion_without_a_cost_stops_no_page(browser, tmp_path):
