@@ -1,23 +1,10 @@
 "use strict";
 // One drive or two side by side, and the time line that moves through them.
 
-const DATA = JSON.parse(document.getElementById("data").textContent);
-for (const layer of ["depth", "confidence", "error", "map"]) TABLES[layer] = DATA.colours[layer].map(rgb);
-const STATUS = {
-  drive: ["#6a9a62", "drives"], turn: ["#5a86b8", "turns in place"], look: ["#b9a05a", "looks"], recover: ["#c9743c", "recovers"],
-  blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: [DATA.colours.outcomes.stuck, "gives up: stuck"],
-  no_path: [DATA.colours.outcomes.no_path, "gives up: no path"],
-};
 const STANDING = 1e-7; // [m] between the positions of two steps of the same way, as where the rover turns in place
 const SAME_COURSE = 0.1; // [m] by which start, goal and shortest path of two drives of one course may differ
 const byId = (id) => document.getElementById(id);
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const degrees = (radians) => (radians * 180) / Math.PI;
-// An angle [rad], as "12\u00b0 left"; per: "" or "/s".
-function sideways(angle, digits, per) {
-  const value = degrees(angle).toFixed(digits);
-  return Number(value) === 0 ? `0\u00b0${per}` : `${value.replace("-", "")}\u00b0${per} ${angle > 0 ? "left" : "right"}`;
-}
 
 let columns = [];
 let by = "time"; // what two drives have in common at a position: time or way
@@ -40,11 +27,6 @@ function stepAt(drive, position) {
   let n = 0;
   while (n + 1 < drive.steps.length && coordinate(drive, n + 1) <= position + STANDING / 10) n += 1;
   return n;
-}
-
-function statusOf(step) {
-  if (step.status) return Object.hasOwn(STATUS, step.status) ? STATUS[step.status] : ["#888", step.status];
-  return step.outcome === "driving" ? ["#6a9a62", "drives"] : [DATA.colours.outcomes[step.outcome] ?? "#555", step.outcome];
 }
 
 // The column of a drive: its outcome, and what there is to see and to know at a step.
@@ -88,7 +70,7 @@ function driveColumn(drive) {
     when.textContent = moment(drive, n);
     const [colour, words] = statusOf(step);
     reason.replaceChildren(make("span", { class: "chip", background: colour }, words), ending(step, n) ?? step.reason ?? "");
-    facts.replaceChildren(...factsOf(step, drive.steps[look], drive.pictures.error[look]).map(([name, value, alarm]) =>
+    facts.replaceChildren(...factsOf(step, drive.steps[look], drive.pictures.error[look], drive.rover).map(([name, value, alarm]) =>
       make("div", alarm ? { class: "alarm" } : {}, make("small", {}, name), value)));
     map.update(n);
     costs.update(step);
@@ -100,24 +82,6 @@ function driveColumn(drive) {
   }
 
   return { drive, element, update, map };
-}
-
-function factsOf(step, look, compared) {
-  const facts = [];
-  if (step.action) {
-    const command = step.command;
-    if (command) facts.push(["speed", `${command.speed.toFixed(2)} m/s`], ["turn", sideways(command.yaw_rate, 1, "/s")]);
-    else facts.push(...step.action.map((value, n) => [`action: ${["speed", "turn", "mast"][n] ?? n}`, `${(100 * value).toFixed(0)} %`]));
-  }
-  facts.push(["mast", sideways(step.pan, 0, "")], ["to the goal", `${step.distance.toFixed(1)} m`],
-    ["clearance", step.clearance >= 3 ? "over 3 m" : `${step.clearance.toFixed(2)} m`, step.clearance < 0.1],
-    ["contact", step.contact === "obstacle" ? "wheel on a rock" : step.contact, step.contact !== "none"],
-    ["tilt", `${step.tilt_deg.toFixed(0)}\u00b0`, step.tilt_deg > 20],
-    ["depth error", look.abs_rel === null ? (compared ? "nothing in range" : "none, true depth") : `${(100 * look.abs_rel).toFixed(1)} %`, look.abs_rel > 0.1]);
-  const astray = Math.hypot(step.pose[0][3] - step.believed_pose[0][3], step.pose[1][3] - step.believed_pose[1][3]);
-  if (astray > 0.005) facts.push(["odometry off by", `${astray.toFixed(2)} m`, astray > 0.5]);
-  if (step.risk_level) facts.push(["risk level", String(step.risk_level), true]);
-  return facts;
 }
 
 // The strip of a drive: what it did, its clearance and its depth error, over the position.

@@ -30,6 +30,7 @@ from marssim.base.images.colours import depth_colours
 
 DRIVES = "drives"  # folder of an evaluation with the files of its drives and their pages
 NEAR, FAR = 0.5, 60.0  # [m] depths of the codes 1 and 254 of a page
+SCRIPTS = ("pictures.js", "steps.js", "map.js", "costs.js", "drive.js")
 SHOWN = tuple(layer for layer in LAYERS if layer != "height")  # the map of a page is flat
 ENDINGS = {
     "goal": "It reached the goal", "collision": "It hit an obstacle", "tilt": "It tilted by more than 30 deg",
@@ -99,7 +100,7 @@ def _filled(template: str, title: str, data: Any) -> bytes:
     parts = asset(template).split("%%")  # text and names by turns
     values = {
         "title": escape(title), "style": asset("page.css"), "data": page_script(data),
-        "script": "\n".join(asset(name) for name in ("pictures.js", "map.js", "costs.js", "drive.js")),
+        "script": "\n".join(asset(name) for name in SCRIPTS),
     }  # fmt: skip
     return "".join(part if n % 2 == 0 else values[part] for n, part in enumerate(parts)).encode()
 

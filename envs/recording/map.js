@@ -55,11 +55,12 @@ function costColour(extra) {
 
 // A panel with the map: update(n) draws step n, emphasise(candidate) lays one of its motions on top.
 function mapPanel(drive) {
-  const canvas = make("canvas", { "data-layer": "map", role: "img", "aria-label": "map of the navigator" });
+  const canvas = make("canvas", { "data-layer": "map", role: "img", "aria-label": "map" });
   const truth = make("input", { type: "checkbox", checked: "" });
   const whole = make("input", { type: "checkbox" });
   const note = make("span");
-  const panel = make("div", { class: "panel map" }, make("h2", {}, "map of the navigator, north up"),
+  const title = mapStep(drive, drive.steps.length - 1) < 0 ? "map, north up" : "map of the navigator, north up";
+  const panel = make("div", { class: "panel map" }, make("h2", {}, title),
     make("div", { class: "tools" }, make("label", {}, truth, " true rocks and shortest path"),
       make("label", {}, whole, " whole course"), note), canvas, mapLegend(drive));
   let current = 0, emphasised = null, wanted = null;
@@ -173,11 +174,17 @@ function mapPanel(drive) {
   return { panel, update, emphasise(n) { emphasised = n; redraw(); } };
 }
 
+// The colours under the map: of what the record holds, as other drivers than the navigator keep no map and plan nothing.
 function mapLegend(drive) {
-  const colours = DATA.colours.map;
-  const entries = [[colours[1], "free"], [colours[200], "costly"], [colours[220], "too near to an obstacle"],
-    [colours[250], "blocked"], [colours[0], "not seen"], ["#fff", "chosen motion, planned path (dashed), rover"],
-    [costColour(0), "least cost"], [costColour(DEAR), `costs ${DEAR} m more`], ["#14100e", "not free"], ["#8fd0ff", "driven"],
-    ["#59c8ff", "goal"], ...(drive.steps.some((step) => goalIsAstray(drive, step)) ? [["#d9a4ff", "goal by odometry"]] : []), ["#ff4b3a", "rover in contact"], ["#faeb96", "shortest path"], ["#fff", "rocks (rings)"]];
+  const colours = DATA.colours.map, any = (holds) => drive.steps.some(holds);
+  const ground = [[colours[1], "free"], [colours[200], "costly"], [colours[220], "too near to an obstacle"],
+    [colours[250], "blocked"], [colours[0], "not seen"]];
+  const compared = [[costColour(0), "least cost"], [costColour(DEAR), `costs ${DEAR} m more`], ["#14100e", "not free"]];
+  const white = [...(any((step) => step.candidates) ? ["chosen motion"] : []),
+    ...(any((step) => step.path) ? ["planned path (dashed)"] : []), "rover"];
+  const entries = [...(any((step) => step.map) ? ground : []), ["#fff", white.join(", ")],
+    ...(any((step) => step.candidates) ? compared : []), ["#8fd0ff", "driven"], ["#59c8ff", "goal"],
+    ...(any((step) => goalIsAstray(drive, step)) ? [["#d9a4ff", "goal by odometry"]] : []),
+    ["#ff4b3a", "rover in contact"], ["#faeb96", "shortest path"], ["#fff", "rocks (rings)"]];
   return make("div", { class: "legend" }, ...entries.map(([colour, words]) => make("span", {}, make("i", { background: colour }), words)));
 }

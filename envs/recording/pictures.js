@@ -1,5 +1,9 @@
 "use strict";
-// Elements, and pictures whose pixels are codes that a table gives colours.
+// The data of the page, elements, and pictures whose pixels are codes that a table gives colours.
+
+const DATA = JSON.parse(document.getElementById("data").textContent);
+const TABLES = {}; // colours of the codes of each layer
+for (const layer of ["depth", "confidence", "error", "map"]) TABLES[layer] = DATA.colours[layer].map(rgb);
 
 function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
@@ -49,8 +53,6 @@ function paint(canvas, picture, colours) {
   picture.codes.forEach((code, n) => image.data.set([...colours[code], 255], 4 * n));
   context.putImageData(image, 0, 0);
 }
-
-const TABLES = {}; // colours of the codes of each layer, filled from the data
 
 // What a code of a layer means, in words.
 const READ = {

@@ -81,7 +81,11 @@ class Recorder:
         if self._steps:
             self._steps[-1].update(self._decision(env, driver, len(self._steps) - 1))
         if step == len(self._steps):
-            self._rover = {"length": env.rover_spec.length, "width": env.rover_spec.width}
+            spec = env.rover_spec
+            self._rover = {
+                "length": spec.length, "width": spec.width, "max_speed": spec.max_speed,
+                "max_yaw_rate": spec.max_yaw_rate, "pan_limit": spec.mount.pan_limit,
+            }  # fmt: skip
             assert env.course is not None
             self._area = [*env.course.area]
             self._steps.append({**self._standing(env), **NOT_DECIDED})

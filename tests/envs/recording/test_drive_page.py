@@ -299,6 +299,23 @@ def test_the_map_shows_where_the_odometry_takes_the_goal_to_be(browser, tmp_path
     assert browser.find_element(By.ID, "statuses").text == "drives"
 
 
+def test_the_legend_of_the_map_names_what_the_record_holds(browser, crash, blind_crash, tmp_path):
+    from selenium.webdriver.common.by import By
+
+    planned = {"free", "not seen", "chosen motion, planned path (dashed), rover", "least cost", "not free"}
+    for name, (drive, _) in (("straight", crash), ("navigator", blind_crash)):
+        (tmp_path / f"{name}.html").write_bytes(drive_page([drive]))
+        browser.get((tmp_path / f"{name}.html").as_uri())
+        words = {entry.text for entry in browser.find_elements(By.CSS_SELECTOR, ".map .legend span")}
+        title = browser.find_element(By.CSS_SELECTOR, ".map h2").text
+        if name == "navigator":
+            assert planned < words and title == "map of the navigator, north up"
+        else:
+            assert not planned & words and {"rover", "driven", "rocks (rings)"} < words and title == "map, north up"
+            facts = browser.find_element(By.CSS_SELECTOR, ".facts").text
+            assert "%" not in facts.partition("mast")[0] and "m/s" in facts
+
+
 def test_the_end_of_a_drive_shows_the_last_map_with_a_note(browser, tmp_path):
     from selenium.webdriver.common.by import By
 

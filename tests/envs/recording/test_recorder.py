@@ -26,10 +26,13 @@ def test_every_step_of_an_arrival_has_its_decision(arrival):
     assert drive.steps[-1]["way"] == pytest.approx(record.path_length, abs=1e-3)
     assert min(s["clearance"] for s in drive.steps) == pytest.approx(record.min_clearance, abs=1e-3)
     assert drive.content["episode"]["obstacles"] == record.obstacles
+    rover = drive.content["rover"]
+    assert rover["pan_limit"] == pytest.approx(np.pi / 2)
     for s in drive.steps[:-1]:
         command, action = s["command"], s["action"]
         assert s["status"] in ("drive", "turn", "look") and s["reason"]
-        assert action[0] == pytest.approx(command["speed"] / 0.2, abs=1e-3)
+        assert action[0] * rover["max_speed"] == pytest.approx(command["speed"], abs=2e-4)
+        assert action[1] * rover["max_yaw_rate"] == pytest.approx(command["yaw_rate"], abs=2e-4)
         assert s["candidates"]["cost"][s["chosen"]] == min(cost for cost in s["candidates"]["cost"] if cost is not None)
     last = drive.steps[-1]
     assert last["action"] is last["command"] is last["candidates"] is last["map"] is None

@@ -101,6 +101,8 @@ def test_the_schema_describes_every_value():
 @pytest.mark.parametrize(("keys", "value", "fault"), [
     (("format",), "other", "drive.json is not that of a recorded drive"),
     (("version",), 2, "is of version 2, not 1"),
+    (("rover", "max_speed"), "fast", "rover.max_speed must be of type number, got 'fast'"),
+    (("rover", "pan_limit"), -1, "rover.pan_limit must be at least 0, got -1"),
     (("steps",), [], "steps must have 1 or more items, got 0"),
     (("steps", 1, "tilt_deg"), "steep", "steps[1].tilt_deg must be of type number, got 'steep'"),
     (("steps", 1, "pose"), [[1, 0, 0, 0]] * 2, "steps[1].pose must have 3 items, got 2"),
