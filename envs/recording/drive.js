@@ -43,9 +43,10 @@ function driveColumn(drive) {
   const figures = [...eyes.map((eye, n) => make("figure", {}, make("figcaption", {}, n ? "right eye" : "left eye"), eye)),
     depth.figure, confidence.figure, ...(scored ? [error.figure] : [])];
   const jump = make("button", { class: "jump", onclick: () => goTo(coordinate(drive, drive.decided.step)) }, `go to step ${drive.decided.step}`);
+  const ending = outcomeOf(drive.outcome);
   const element = make("article", {},
     make("div", { class: "head" }, make("h1", {}, drive.name),
-      make("span", { class: "badge", background: DATA.colours.outcomes[drive.outcome] ?? "#444" }, drive.outcome.replace(/_/g, " "))),
+      make("span", { class: "badge", colour: ending[0] }, ending[1])),
     make("div", { class: "body" },
       make("div", { class: "panel decided" }, make("p", {}, drive.summary),
         make("p", {}, `Decided at step ${drive.decided.step}: ${drive.decided.why}. `, jump)),
@@ -69,16 +70,17 @@ function driveColumn(drive) {
     lookNote.textContent = look === n ? "" : `No look at this step: the images are those of step ${look}.`;
     when.textContent = moment(drive, n);
     const [colour, words] = statusOf(step);
-    reason.replaceChildren(make("span", { class: "chip", background: colour }, words), ending(step, n) ?? step.reason ?? "");
-    facts.replaceChildren(...factsOf(step, drive.steps[look], drive.pictures.error[look], drive.rover).map(([name, value, alarm]) =>
+    reason.replaceChildren(make("span", { class: "chip", colour }, words), reasonOf(step, n));
+    const values = factsOf(step, drive.steps[look], drive.pictures.error[look], drive.rover);
+    facts.replaceChildren(...values.map(([name, value, alarm]) =>
       make("div", alarm ? { class: "alarm" } : {}, make("small", {}, name), value)));
     map.update(n);
     costs.update(step);
   }
 
-  function ending(step, n) {
-    if (n < drive.steps.length - 1) return null;
-    return step.reason ? `${step.reason}; the drive ended: ${drive.outcome.replace(/_/g, " ")}` : "the drive ended here";
+  function reasonOf(step, n) {
+    if (n < drive.steps.length - 1) return step.reason ?? "";
+    return step.reason ? `${step.reason}; the drive ended: ${ending[1]}` : "the drive ended here";
   }
 
   return { drive, element, update, map };
@@ -94,7 +96,7 @@ function drawStrip(canvas, drive) {
   const last = drive.steps.length - 1;
   drive.steps.forEach((step, n) => {
     const from = x(coordinate(drive, n)), to = n < last ? x(coordinate(drive, n + 1)) : from + 3 * ratio;
-    context.fillStyle = statusOf(step)[0];
+    context.fillStyle = style(`--is-${statusOf(step)[0]}`);
     context.fillRect(from, 0, Math.max(to - from, ratio), 13 * ratio);
   });
   const curve = (values, most, colour) => {
@@ -128,7 +130,7 @@ function drawStrip(canvas, drive) {
   const flag = "decided", across = context.measureText(flag).width + 8 * ratio;
   const start = mark + across > width ? mark - across : mark;
   context.fillRect(start, 13 * ratio, across, 14 * ratio);
-  context.fillStyle = "#fff";
+  context.fillStyle = style("--on-accent");
   context.fillText(flag, start + 4 * ratio, 24 * ratio);
   context.fillStyle = style("--ink");
   const here = x(stops[index]);
@@ -170,7 +172,8 @@ function layOut() {
   const all = columns.flatMap(({ drive }) => drive.steps.map((_, n) => coordinate(drive, n)));
   stops = [...new Set(all)].sort((a, b) => a - b);
   const met = new Map(columns.flatMap(({ drive }) => drive.steps.map((step) => statusOf(step).toReversed())));
-  byId("statuses").replaceChildren(...[...met].map(([words, colour]) => make("span", {}, make("i", { background: colour }), words)));
+  const entries = [...met].map(([words, colour]) => make("span", {}, make("i", { colour }), words));
+  byId("statuses").replaceChildren(...entries);
   byId("position").max = stops.length - 1;
   byId("sync").hidden = columns.length < 2;
   byId("beside").hidden = columns.length > 1;
@@ -217,6 +220,7 @@ byId("back").addEventListener("click", KEYS.ArrowLeft);
 byId("on").addEventListener("click", KEYS.ArrowRight);
 byId("play").addEventListener("click", play);
 window.addEventListener("resize", show);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show); // for the colours of the time line
 document.querySelectorAll("input[name=sync]").forEach((choice) => choice.addEventListener("change", () => {
   const before = stepAt(columns[0].drive, stops[index]);
   by = choice.value;

@@ -20,6 +20,7 @@ from envs.drives.episodes import Cause
 from envs.drives.maps import OUTCOME_COLOURS
 from envs.recording.code_colours import code_colours
 from envs.recording.failure_cause import IN_WORDS
+from envs.recording.page_colours import colour_rules
 from envs.recording.turning_point import turning_point
 from envs.world.referee import GOAL_ASTRAY, GOAL_RADIUS
 from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive
@@ -79,8 +80,7 @@ def drive_page(drives: Sequence[DriveFile]) -> bytes:
     """
     data = {
         "drives": [_shown(drive) for drive in drives], "colours": _colours(), "goalRadius": GOAL_RADIUS,
-        "goalAstray": GOAL_ASTRAY,
-        "depthRange": [NEAR, FAR],
+        "goalAstray": GOAL_ASTRAY, "depthRange": [NEAR, FAR], "outcomes": [*OUTCOME_COLOURS],
     }  # fmt: skip
     return _filled("drive.html", title=" beside ".join(_name(drive) for drive in drives), data=data)
 
@@ -99,7 +99,7 @@ def asset(name: str) -> str:
 def _filled(template: str, title: str, data: Any) -> bytes:
     parts = asset(template).split("%%")  # text and names by turns
     values = {
-        "title": escape(title), "style": asset("page.css"), "data": page_script(data),
+        "title": escape(title), "style": f"{asset('page.css')}\n{colour_rules()}", "data": page_script(data),
         "script": "\n".join(asset(name) for name in SCRIPTS),
     }  # fmt: skip
     return "".join(part if n % 2 == 0 else values[part] for n, part in enumerate(parts)).encode()
@@ -162,11 +162,10 @@ def _depth_bytes(depth: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(depth), 0, code).round().astype(np.uint8)
 
 
-def _colours() -> dict[str, Any]:
-    """Return the colours of the codes of each layer, 256 as #rrggbb, and those of the outcomes."""
+def _colours() -> dict[str, list[str]]:
+    """Return the colours of the codes of each layer, 256 as #rrggbb."""
     code = np.arange(256)
     depth = NEAR * (FAR / NEAR) ** ((code - 1) / 253)
     depth = np.where(code == 0, np.nan, np.where(code == 255, np.inf, depth))
     layers = {"depth": depth_colours(depth[None])[0], **code_colours()}
-    tables = {name: [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in table.astype(int)] for name, table in layers.items()}
-    return {**tables, "outcomes": OUTCOME_COLOURS}
+    return {name: [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in table.astype(int)] for name, table in layers.items()}

@@ -59,8 +59,9 @@ function mapPanel(drive) {
   const truth = make("input", { type: "checkbox", checked: "" });
   const whole = make("input", { type: "checkbox" });
   const note = make("span");
-  const title = mapStep(drive, drive.steps.length - 1) < 0 ? "map, north up" : "map of the navigator, north up";
-  const panel = make("div", { class: "panel map" }, make("h2", {}, title),
+  const keepsMap = mapStep(drive, drive.steps.length - 1) >= 0;
+  const panel = make("div", { class: "panel map" },
+    make("h2", {}, keepsMap ? "map of the navigator, north up" : "map, north up"),
     make("div", { class: "tools" }, make("label", {}, truth, " true rocks and shortest path"),
       make("label", {}, whole, " whole course"), note), canvas, mapLegend(drive));
   let current = 0, emphasised = null, wanted = null;
@@ -162,7 +163,7 @@ function mapPanel(drive) {
   function redraw() {
     const from = mapStep(drive, current), uri = drive.pictures.map[from];
     wanted = uri;
-    if (from < 0) note.textContent = mapStep(drive, drive.steps.length - 1) < 0 ? "this driver keeps no map" : "no map yet";
+    if (from < 0) note.textContent = keepsMap ? "no map yet" : "this driver keeps no map";
     else note.textContent = from === current ? "" : `No map at this step: it is that of step ${from}.`;
     if (!uri) draw(null);
     else codesOf(uri).then((ground) => { if (wanted === uri) draw(ground, drive.steps[from].map); });
@@ -174,7 +175,7 @@ function mapPanel(drive) {
   return { panel, update, emphasise(n) { emphasised = n; redraw(); } };
 }
 
-// The colours under the map: of what the record holds, as other drivers than the navigator keep no map and plan nothing.
+// The colours under the map, of what the record holds: other drivers than the navigator keep no map and plan nothing.
 function mapLegend(drive) {
   const colours = DATA.colours.map, any = (holds) => drive.steps.some(holds);
   const ground = [[colours[1], "free"], [colours[200], "costly"], [colours[220], "too near to an obstacle"],

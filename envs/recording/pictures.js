@@ -11,6 +11,10 @@ function make(tag, attributes = {}, ...children) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
     else if (name === "class") element.className = value;
     else if (name === "background") element.style.background = value;
+    else if (name === "colour") { // one of page_colours.py
+      element.style.background = `var(--is-${value})`;
+      element.style.color = `var(--on-${value})`;
+    }
     else element.setAttribute(name, value);
   }
   element.append(...children.filter((child) => child !== null)); // strings become text, never markup

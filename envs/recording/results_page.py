@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
-from envs.drives.maps import OUTCOME_COLOURS
 from envs.drives.metrics import best_and_worst, count_failures, spl, summarise
 from envs.drives.report import UNKNOWN_CAUSE, difference_in_words, settings
 from envs.recording.drive_page import asset, drive_path
+from envs.recording.page_colours import colour_rules, outcome_style
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
@@ -76,6 +76,7 @@ def write_results_page(
 <title>Results of {title}</title>
 <style>
 {asset("page.css")}
+{colour_rules()}
 {asset("results.css")}
 </style>
 </head>
@@ -199,8 +200,8 @@ def _drive(record: EpisodeRecord | None, pages: Mapping[tuple[str, str, str, int
     """Return a cell of the table of drives: the outcome, SPL, and the link to its page."""
     if record is None:
         return "<td></td>"
-    colour = OUTCOME_COLOURS.get(record.outcome, "#444")
-    badge = f'<span class="badge" style="background:{colour}">{escape(record.outcome.replace("_", " "))}</span>'
+    outcome = escape(record.outcome.replace("_", " "))
+    badge = f'<span class="badge" style="{outcome_style(record.outcome)}">{outcome}</span>'
     words = f"{record.path_length:.1f} m"
     if record.outcome == "goal":
         words = f"SPL {spl(True, record.shortest, record.path_length):.2f}, {words}"

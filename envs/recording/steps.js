@@ -1,22 +1,20 @@
 "use strict";
 // What the page says of a step: what the rover does, and its figures.
 
-// Shares of the rover's limits, as actions have them: speeds below which it stands, and speed beside the turn with which
-// it turns, within 0.2 m for each radian.
+// Actions are shares of the rover's limits. It stands below STILL, and turns where its speed is up to TURNING times the
+// turn: 0.2 m for each radian.
 const STILL = 0.02, TURNING = 0.25;
 const STATUS = {
-  drive: ["#6a9a62", "drives"], turn: ["#5a86b8", "turns in place"], look: ["#b9a05a", "looks"], recover: ["#c9743c", "recovers"],
-  blind: ["#555", "sees nothing"], arrived: ["#2a9d5c", "arrived"], stuck: [DATA.colours.outcomes.stuck, "gives up: stuck"],
-  no_path: [DATA.colours.outcomes.no_path, "gives up: no path"],
+  drive: "drives", turn: "turns in place", look: "looks", recover: "recovers", blind: "sees nothing",
+  arrived: "arrived", stuck: "gives up: stuck", no_path: "gives up: no path",
 };
-const MOTION = { // of drivers that say no status
-  drive: ["#6a9a62", "drives"], backwards: ["#a8628f", "drives backwards"], turn: ["#5a86b8", "turns"], stand: ["#8d8578", "stands"],
-};
+const MOTION = { drive: "drives", backwards: "drives backwards", turn: "turns", stand: "stands" }; // without a status
 const degrees = (radians) => (radians * 180) / Math.PI;
 // An angle [rad], as "12\u00b0 left"; per: "" or "/s".
 function sideways(angle, digits, per) {
   const value = degrees(angle).toFixed(digits);
-  return Number(value) === 0 ? `0\u00b0${per}` : `${value.replace("-", "")}\u00b0${per} ${angle > 0 ? "left" : "right"}`;
+  if (Number(value) === 0) return `0\u00b0${per}`;
+  return `${value.replace("-", "")}\u00b0${per} ${angle > 0 ? "left" : "right"}`;
 }
 const metresPerSecond = (speed) => `${(Math.abs(speed) < 0.005 ? 0 : speed).toFixed(2)} m/s`;
 const perSecond = (rate) => sideways(rate, 1, "/s");
@@ -25,25 +23,33 @@ const ACTION = [ // its numbers: name, limit of the rover, and how it is written
   ["next pan", "pan_limit", (pan) => sideways(pan, 0, "")],
 ];
 
-// What an action does.
+// The name in MOTION of what an action does.
 function motionOf([speed, turn]) {
-  if (Math.hypot(speed, turn) < STILL) return MOTION.stand;
-  if (Math.abs(speed) <= TURNING * Math.abs(turn)) return MOTION.turn;
-  return speed < 0 ? MOTION.backwards : MOTION.drive;
+  if (Math.hypot(speed, turn) < STILL) return "stand";
+  if (Math.abs(speed) <= TURNING * Math.abs(turn)) return "turn";
+  return speed < 0 ? "backwards" : "drive";
 }
 
-// The colour and the words of what the rover does at a step.
+// The name of an outcome's colour, and its words.
+function outcomeOf(outcome) {
+  return [DATA.outcomes.includes(outcome) ? outcome : "other", outcome.replace(/_/g, " ")];
+}
+
+// What the rover does at a step: the name of its colour, and its words.
 function statusOf(step) {
-  if (step.status) return Object.hasOwn(STATUS, step.status) ? STATUS[step.status] : ["#888", step.status];
-  if (step.outcome === "driving") return motionOf(step.action ?? []);
-  return [DATA.colours.outcomes[step.outcome] ?? "#555", step.outcome.replace(/_/g, " ")];
+  if (Object.hasOwn(STATUS, step.status)) return [step.status, STATUS[step.status]];
+  if (step.status) return ["other", step.status];
+  if (step.outcome !== "driving") return outcomeOf(step.outcome);
+  const motion = motionOf(step.action ?? []);
+  return [motion, MOTION[motion]];
 }
 
 // The numbers of an action, [name, value] each; in percent where the record lacks the rover's limits.
 function actionFacts(action, rover) {
   return action.map((share, n) => {
     const [name, limit, written] = ACTION[n] ?? [n];
-    return limit in rover ? [name, written(share * rover[limit])] : [`action: ${name}`, `${(100 * share).toFixed(0)} %`];
+    if (limit in rover) return [name, written(share * rover[limit])];
+    return [`action: ${name}`, `${(100 * share).toFixed(0)} %`];
   });
 }
 
@@ -52,7 +58,8 @@ function depthError(share, compared) {
   return `${(100 * share).toFixed(1)} %`;
 }
 
-// The figures of a step, [name, value, whether it is alarming] each; compared: the picture of the depth's error, if any.
+// The figures of a step, [name, value, whether it is alarming] each.
+// compared: the picture of the depth's error, null if there is none.
 function factsOf(step, look, compared, rover) {
   const facts = [], { action, command } = step;
   if (action && command) facts.push(["speed", metresPerSecond(command.speed)], ["turn", perSecond(command.yaw_rate)]);

@@ -14,6 +14,7 @@ from envs.drives.config import EvaluateConfig
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.metrics import paired_difference, summarise
 from envs.evaluate import evaluate
+from envs.recording.page_colours import colour_rules, outcome_style
 from envs.recording.results_page import FILMED, _files, write_results_page
 from envs.world.eyes import EyesConfig
 from marssim.base.dataset.drive_file import read_drive
@@ -56,6 +57,7 @@ def test_the_results_page_leads_to_the_page_of_every_drive(recorded):
     assert drive.content["settings"]["goal_distance"] == 4.0 and drive.content["episode"]["driver"] == "straight"
     text = (config.out / "results.html").read_text(encoding="utf-8")
     assert "default-src 'none'; style-src 'unsafe-inline'" in text and "<script" not in text
+    assert colour_rules() in text and f'style="{outcome_style(drive.content["episode"]["outcome"])}"' in text
     page = Links(text)
     assert f"drives/{file.stem}.html" in page.links
     assert all((config.out / link).is_file() for link in page.links)

@@ -9,6 +9,7 @@ from recorded_drives import step
 
 from envs.drives.maps import OUTCOME_COLOURS
 from envs.recording.drive_page import asset
+from envs.recording.page_colours import COLOURS
 
 ROVER = {"length": 1.6, "width": 1.4, "max_speed": 0.2, "max_yaw_rate": 0.25, "pan_limit": 1.5708}
 
@@ -22,7 +23,7 @@ def in_page():
 
     def values(expression, **given):
         names = "".join(f"const {name} = {json.dumps(value)};\n" for name, value in given.items())
-        data = f"const DATA = {json.dumps({'colours': {'outcomes': OUTCOME_COLOURS}})};\n"
+        data = f"const DATA = {json.dumps({'outcomes': [*OUTCOME_COLOURS]})};\n"
         program = f"{data}{asset('steps.js')}\n{names}console.log(JSON.stringify({expression}))"
         done = subprocess.run([node, "-"], input=program, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, done.stderr
@@ -44,6 +45,13 @@ def test_the_action_of_a_driver_without_a_status_says_what_it_does(in_page, acti
 def test_a_status_and_the_end_of_a_drive_come_before_the_action(in_page):
     steps = [step(status="turn", action=[1.0, 0.0, 0.0]), step(outcome="out_of_bounds"), step(status="dances")]
     assert in_page("steps.map((one) => statusOf(one)[1])", steps=steps) == ["turns in place", "out of bounds", "dances"]
+
+
+def test_all_that_the_rover_does_has_a_colour(in_page):
+    steps = [step(outcome=name) for name in ("sinks", *OUTCOME_COLOURS)] + [step(status="dances")]
+    names = in_page("steps.map((one) => statusOf(one)[0])", steps=steps)
+    assert names == ["other", *OUTCOME_COLOURS, "other"]
+    assert set(in_page("Object.keys({...STATUS, ...MOTION})")) | set(names) == set(COLOURS)
 
 
 @pytest.mark.parametrize(("action", "facts"), [
