@@ -21,6 +21,8 @@ import cv2
 import numpy as np
 import trimesh
 
+from m3depth.training.curves import save_curves
+from m3depth.training.log import LOG
 from marssim.base.camera import NATECAM, StereoRig
 from marssim.base.images.colours import depth_colours, normal_colours
 from marssim.engines.embree import TriangleRays
@@ -35,6 +37,7 @@ HERE = Path(__file__).parent / "images"
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "out" / "demo"
 PPO_LOG = ROOT / "docs" / "results" / "policy" / "log.jsonl"
+LITE = ROOT / "docs" / "results" / "methods" / "records" / "lite.json"  # its training is that of a picture
 PPO_MEAN = 20  # rows of that log over which the thick line takes the mean
 TILE = 360  # [px] side of a tile of presets.jpg
 VIEW = ViewConfig(pitch_deg=(18.0, 22.0), roll_deg=(0.0, 0.0))  # little sky, and near ground with its pebbles
@@ -47,7 +50,7 @@ PLACE = {
     "look": {"sun_elevation_deg": [20, 25]},
 }  # that of guides/own-terrain.md
 
-# Faults of a sensor, weak and strong, by the name that the picture shows.
+# Faults of a sensor, weak and strong, by the name that the picture shows; the first two have their own names.
 FAULTS = {
     "sound | hot pixels": ({}, {"hot_pixels": 3000.0}),
     "dust": ({"dust": 0.1}, {"dust": 0.35}),
@@ -75,11 +78,6 @@ COMMANDS = {
     "--episodes 1 --no-videos --out drive",
     "out/wary/results.json": "envs.evaluate --driver my_driver:Wary navigator --perception ground_truth "
     "--dynamics kinematic --goal-distance 12 --episodes 2 --k .1 --no-videos --out out/wary",
-    "dust/dataset.json": "marssim.generate --out dust --pairs 60 --seed 41 --scene utopia --views-per-scene 2 "
-    "--look.albedo-contrast .1 .1 --look.texture-strength .1 .1 --look.pebbles 0 0 --look.wind-ripples 0 0 "
-    "--rocks.k .15 --renderer scan",
-    "fine/curves.png": "m3depth.train --data dust --out fine --init shipped --max-minutes 10 --batch 2 --lr 2e-4 "
-    "--validate-every 20 --validate-samples 8",
 }
 
 
@@ -167,10 +165,13 @@ def faults() -> np.ndarray:
     tiles = []
     with SceneRenderer(build_scene(preset("gale"), rng=7).with_sun(25, 60)) as renderer:
         for name, levels in FAULTS.items():
-            for changes in levels:
+            labels = name.split(" | ") if " | " in name else [f"{name}, {level}" for level in ("weak", "strong")]
+            for label, changes in zip(labels, levels, strict=True):
                 image = renderer.render(2, -1, 30, pitch_deg=13, sensor=replace(sound, **changes)).left
                 tile = np.ascontiguousarray(image[90:346, 240:496])
-                cv2.putText(tile, name, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)
+                (across, _), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
+                cv2.rectangle(tile, (0, 0), (across + 9, 20), (255, 255, 255), cv2.FILLED)
+                cv2.putText(tile, label, (5, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (20, 20, 20), 1, cv2.LINE_AA)
                 tiles.append(tile)
     return np.vstack([np.hstack(tiles[first : first + 6]) for first in range(0, len(tiles), 6)])
 
@@ -193,6 +194,18 @@ def navigator() -> np.ndarray:
     run_episode(env, NavigatorDriver(), Cell(k=0.1), seed=3, episode=0, watch=watch)
     env.close()
     return shown[sorted(shown)[len(shown) // 2]]
+
+
+def curves(folder: Path) -> np.ndarray:
+    """Return the curves of `lite` over its training in results/methods.md, whose record has the validations alone."""
+    run = folder / "lite"
+    run.mkdir(exist_ok=True)
+    validations = json.loads(LITE.read_text())["run"]["training"]["validations"]
+    rows = [{"kind": "val", **{key: row[key] for key in ("step", "epe", "normal")}} for row in validations]
+    (run / LOG).write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    drawn = save_curves(run)
+    assert drawn is not None
+    return picture(drawn)
 
 
 def ppo() -> np.ndarray:
@@ -262,14 +275,14 @@ def main(folder: Path) -> None:
 
 def guides(folder: Path) -> None:
     """Make the pictures of the guides."""
-    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"), largest=98_000)
+    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"), largest=150_000)
     save("guide_verify.jpg", picture(folder / "verify" / "statistics.png"))
-    save("guide_score.jpg", picture(folder / "score" / "comparison.png"), largest=98_000)
+    save("guide_score.jpg", picture(folder / "score" / "comparison.png"), largest=150_000)
     save("guide_predict.jpg", picture(folder / "predict" / "figure.png"))
     save("guide_own_estimator.jpg", picture(folder / "own" / "qualitative.png"))
     save("guide_drive.jpg", picture(next((folder / "drive" / "maps").glob("*.png"))))
     save("guide_own_driver.jpg", picture(next((folder / "out" / "wary" / "maps").glob("*.png"))))
-    save("guide_train.jpg", picture(folder / "fine" / "curves.png"))
+    save("guide_train.jpg", curves(folder))
     save("guide_ppo.jpg", ppo())
     save("guide_place.jpg", place(folder))
     save("guide_ditches.jpg", ditches())

@@ -27,6 +27,7 @@ from marssim.scene.scene import build_scene
 
 FIGURE = Path(__file__).parent / "images" / "slip.png"
 COLOURS = dict(zip(SOIL_NAMES, ("#c08a3e", "#7a5c45", "#5b6770")))
+LINES = dict(zip(SOIL_NAMES, ("-", "--", "-.")))
 # the order of the slip of the Mars Exploration Rovers in loose sand, from memory: see docs/results/slip.md
 ROVERS = ((5, 10, 15, 20), (5, 20, 50, 90))
 SPEED = 0.2  # [m/s]
@@ -40,12 +41,12 @@ def main() -> None:
     for soil in SOIL_NAMES:
         weight = ZHURONG.mass * GRAVITY / 6
         table = wheel_table(soil, ZHURONG.wheel_radius, ZHURONG.wheel_width, 6 * weight)
-        style = {"color": COLOURS[soil], "label": soil}
+        style = {"color": COLOURS[soil], "ls": LINES[soil], "label": soil}
         up.plot(np.rad2deg(slopes), 100 * table.slip_on_slope(weight, slopes), **style)
         traction = Traction(scene, ZHURONG, support, soil)
         across.plot(np.rad2deg(slopes), [sideslip_deg(traction, slope) for slope in slopes], **style)
         pull.plot(100 * table.slips, table.at(np.array([weight]))[0][0] / weight, **style)
-    up.plot(*ROVERS, "o", mfc="none", color="#333333", label="rovers in sand, order")
+    up.plot(*ROVERS, "o", mfc="none", color="#333333", label="rovers in sand, roughly")
     up.set(xlabel="slope, straight up [deg]", ylabel="slip [%]", ylim=(0, 103), xlim=(0, 30))
     across.set(xlabel="slope, straight across [deg]", ylabel="sideslip angle [deg]", ylim=(0, 45), xlim=(0, 30))
     pull.set(xlabel="slip [%]", ylabel="drawbar pull / load", xlim=(0, 100))

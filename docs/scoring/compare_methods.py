@@ -359,7 +359,7 @@ def work(options: Options) -> None:
     }
     for name, part in content["sets"].items():
         shown = {method: errors for method, errors in part["intervals"].items() if not errors["gets_truth"]}
-        shown = shown or part["intervals"]
+        shown = {method: errors for method, errors in shown.items() if "unfilled" not in method} or part["intervals"]
         titles = dict(marked(shown))
         untrained = [title for title, method in zip(titles, shown, strict=True) if method not in trained]
         interval_figure(titles, options.out / f"error_by_depth_{name}.png", NATECAM.fb, untrained)

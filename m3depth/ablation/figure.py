@@ -54,6 +54,8 @@ def study_figure(study: Mapping[str, Any], path: Path) -> None:
         ax.spines[["top", "right", "left"]].set_visible(False)
         ax.tick_params(axis="y", length=0)
     panels[0].set_yticks(range(len(rows)), [fill(row["label"], LABEL) for row in rows])
+    if all(row["label"].isdigit() for row in rows):
+        panels[0].set_ylabel(fill(study["title"].partition(",")[0], LABEL // 2))
     panels[0].set_ylim(len(rows) - 0.5, -0.5)
     handles = panels[0].plot([], [], marker="D", ms=6, color=PAPER, mfc="white", mew=1.6, ls="", label="paper")
     handles = [

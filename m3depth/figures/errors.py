@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from m3depth.figures.drawing import method_styles, plain_label, save
 
+# Errors of interval_figure, by their names in results.
+ERRORS = {
+    "mae": "mean absolute error [m]",
+    "rmse": "mean squared error [m²]",
+    "bad1": "disparities off by more than 1 px [%]",
+}
 MANY = 12  # lines of a legend; more of them are written small. With more methods, the figure is larger instead.
 
 
@@ -26,56 +33,61 @@ def interval_figure(
         path: The file to write.
         fb: Focal length times baseline [px m] of the rig, for the error that a constant error of disparity gives. None:
             it is not drawn.
-        untrained: Methods whose lines are dashed; a note below the panels says that they were not trained here.
+        untrained: Methods whose lines are dashed; a note below the panels says that they were not trained here. With
+            more than MANY methods, they get a second row of panels, beside the first method.
     """
     many = len(results) > MANY
-    figure = Figure(figsize=(13, 7.6) if many else (11, 4.6), layout="constrained", dpi=120)
-    panels = figure.subplots(1, 3)
-    figures = (
-        ("mae", "mean absolute error [m]"),
-        ("rmse", "mean squared error [m²]"),
-        ("bad1", "disparities off by more than 1 px"),
-    )
-    for ax, (key, label) in zip(panels, figures, strict=True):
-        for (name, result), style in zip(results.items(), method_styles()):
-            rows = [r for r in result["intervals"] if r["pixels"]]
-            centres = [(r["from_m"] + r["to_m"]) / 2 for r in rows]
-            values = [r["pooled"][key] ** (2 if key == "rmse" else 1) * (100 if key == "bad1" else 1) for r in rows]
-            ax.plot(centres, values, ms=5, lw=1.3 if many else 1.8, ls="--" if name in untrained else "-",
-                    label=plain_label(name), **style)  # fmt: skip
-        if fb and key == "mae":
-            z = np.linspace(0.8, 15, 100)
-            for pixels in (0.25, 1.0):
-                ax.plot(z, z**2 * pixels / fb, color="0.6", lw=1, ls=":" if pixels < 1 else "--", zorder=1,
-                        label=f"{pixels:g} px of disparity")  # fmt: skip
-        if key == "bad1":
-            ax.set_ylabel(f"{label} [%]")
-            ax.set_ylim(bottom=0)
-        else:
-            ax.set_yscale("log")
-            ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            ax.set_ylabel(label)
-        ax.set_xlim(0, 15)
-        ax.set_xticks(range(0, 16, 3))
-        ax.set_xlabel("true depth [m]")
-        ax.grid(True, which="major", color="0.9")
-        ax.spines[["top", "right"]].set_visible(False)
-        shares = ax.twinx()
-        first = next(iter(results.values()))["intervals"]
-        total = max(1, sum(r["pixels"] for r in first))
-        shares.bar([(r["from_m"] + r["to_m"]) / 2 for r in first], [r["pixels"] / total for r in first],
-                   width=0.9, color="0.93", zorder=0)  # fmt: skip
-        shares.set_ylim(0, 2.5 * max(max(r["pixels"] for r in first) / total, 1e-6))
-        shares.set_axis_off()
-        ax.set_zorder(shares.get_zorder() + 1)
-        ax.patch.set_visible(False)
-    handles, labels = panels[0].get_legend_handles_labels()
-    size = 10 if many or len(labels) <= MANY else 8
-    columns = min(len(labels), 6)
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize=size)
+    styles = dict(zip(results, method_styles()))
+    trained = [name for name in results if name not in untrained]
+    groups = [list(results)]
+    if many and 0 < len(trained) < len(results):  # the first method is in both, to compare with
+        groups = [trained, [trained[0], *(name for name in results if name in untrained)]]
+    figure = Figure(figsize=(13, 6.4 * len(groups)) if many else (11, 4.6), layout="constrained", dpi=120)
+    for part, names in zip(np.atleast_1d(figure.subfigures(len(groups), 1)), groups, strict=True):
+        panels = part.subplots(1, 3)
+        for ax, key in zip(panels, ERRORS, strict=True):
+            for name in names:
+                rows = [r for r in results[name]["intervals"] if r["pixels"]]
+                centres = [(r["from_m"] + r["to_m"]) / 2 for r in rows]
+                values = [r["pooled"][key] ** (2 if key == "rmse" else 1) * (100 if key == "bad1" else 1) for r in rows]
+                ax.plot(centres, values, ms=5, lw=1.3 if many else 1.8, ls="--" if name in untrained else "-",
+                        label=plain_label(name), **styles[name])  # fmt: skip
+            _lay_out_intervals(ax, key, fb, next(iter(results.values()))["intervals"])
+        handles, labels = panels[0].get_legend_handles_labels()
+        size = 10 if many or len(labels) <= MANY else 8
+        columns = min(len(labels), 6)
+        part.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize=size)
     remark = "bars: share of the scored pixels" + "; dashed: not trained here" * bool(untrained)
     figure.supxlabel(remark, fontsize=8, color="0.45")
     save(figure, path)
+
+
+def _lay_out_intervals(ax: Axes, key: str, fb: float | None, intervals: Sequence[dict[str, Any]]) -> None:
+    """Add axes, errors of constant disparity and the bars of the pixels' shares to a panel of interval_figure."""
+    if fb and key == "mae":
+        z = np.linspace(0.8, 15, 100)
+        for pixels in (0.25, 1.0):
+            ax.plot(z, z**2 * pixels / fb, color="0.6", lw=1, ls=":" if pixels < 1 else "--", zorder=1,
+                    label=f"{pixels:g} px of disparity")  # fmt: skip
+    if key == "bad1":
+        ax.set_ylim(bottom=0)
+    else:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.set_ylabel(ERRORS[key])
+    ax.set_xlim(0, 15)
+    ax.set_xticks(range(0, 16, 3))
+    ax.set_xlabel("true depth [m]")
+    ax.grid(True, which="major", color="0.9")
+    ax.spines[["top", "right"]].set_visible(False)
+    shares = ax.twinx()
+    total = max(1, sum(r["pixels"] for r in intervals))
+    shares.bar([(r["from_m"] + r["to_m"]) / 2 for r in intervals], [r["pixels"] / total for r in intervals],
+               width=0.9, color="0.93", zorder=0)  # fmt: skip
+    shares.set_ylim(0, 2.5 * max(max(r["pixels"] for r in intervals) / total, 1e-6))
+    shares.set_axis_off()
+    ax.set_zorder(shares.get_zorder() + 1)
+    ax.patch.set_visible(False)
 
 
 def distribution_figure(results: dict[str, dict[str, Any]], path: Path) -> None:

@@ -97,7 +97,8 @@ def draw_validation(
         current: Steps and errors of the current weights.
         label: The error with its unit.
     """
-    ax.plot(*current, color=CURRENT, lw=1, marker=".", label="current weights")
+    if len(current[0]):
+        ax.plot(*current, color=CURRENT, lw=1, marker=".", label="current weights")
     ax.plot(*averaged, color=AVERAGED, lw=2, marker="o", ms=4, label="averaged weights (saved)")
     label_axes(ax, np.concatenate([current[1], averaged[1]]), f"{label}, val split")
 

@@ -190,16 +190,27 @@ def test_the_lines_of_many_methods_differ():
     assert len({(colour, face == "white") for colour, _, face in styles[:16]}) == 16
 
 
-def test_methods_without_training_are_dashed_in_lines_and_legend(tmp_path, drawn_figures):
+@pytest.mark.parametrize(("trained", "others"), [(14, 10), (4, 3), (24, 0), (0, 24)])
+def test_methods_without_training_are_dashed_and_many_of_them_have_a_row_with_the_first_method(
+    tmp_path, drawn_figures, trained, others
+):
     pooled = {"mae": 0.1, "rmse": 0.2, "bad1": 0.3}
     result = {"intervals": [{"from_m": 2, "to_m": 3, "pixels": 5, "pooled": pooled}]}
-    interval_figure({f"method {i}": result for i in range(24)}, tmp_path / "figure.png", untrained=["method 23"])
+    names = [f"method {n}" for n in range(trained + others)]
+    interval_figure(dict.fromkeys(names, result), tmp_path / "figure.png", untrained=names[trained:])
     (figure,) = drawn_figures
-    dashed = ["-"] * 23 + ["--"]
-    for lines in (*(ax.lines for ax in figure.axes[:3]), figure.legends[0].get_lines()):
-        assert [line.get_linestyle() for line in lines] == dashed
-        assert len({(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in lines}) == 24
-    assert "dashed: not trained here" in figure.get_supxlabel()
+    two = len(names) > 12 and trained > 0 and others > 0
+    rows = [names[:trained], [names[0], *names[trained:]]] if two else [names]
+    assert len(figure.subfigs) == len(rows)
+    seen = set()
+    for part, shown in zip(figure.subfigs, rows, strict=True):
+        dashed = ["-" if names.index(name) < trained else "--" for name in shown]
+        assert [text.get_text() for text in part.legends[0].get_texts()] == shown
+        for lines in (*(ax.lines for ax in part.axes[:3]), part.legends[0].get_lines()):
+            assert [line.get_linestyle() for line in lines] == dashed
+        seen |= {(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in part.axes[0].lines}
+    assert len(seen) == len(names)
+    assert ("dashed: not trained here" in figure.get_supxlabel()) == (others > 0)
 
 
 def test_bars_are_the_outcomes_of_the_rocks(tmp_path, drawn_figures):
