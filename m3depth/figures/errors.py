@@ -43,7 +43,7 @@ def interval_figure(
     if many and 0 < len(trained) < len(results):  # the first method is in both, to compare with
         groups = [trained, [trained[0], *(name for name in results if name in untrained)]]
     figure = Figure(figsize=(13, 6.4 * len(groups)) if many else (11, 4.6), layout="constrained", dpi=120)
-    for part, names in zip(np.atleast_1d(figure.subfigures(len(groups), 1)), groups, strict=True):
+    for part, names in zip(figure.subfigures(len(groups), 1, squeeze=False)[:, 0], groups, strict=True):
         panels = part.subplots(1, 3)
         for ax, key in zip(panels, ERRORS, strict=True):
             for name in names:
