@@ -1,0 +1,59 @@
+"""The pages' Markdown shows what their authors mean: lists are lists, and sentences are not."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    [
+        *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").glob("*.md"),
+        ROOT / "m3depth" / "weights" / "MODEL_CARD.md",
+    ]
+)  # fmt: skip
+MARKER = re.compile(r"( *)(?:(\d+)[.)]|[-*+])(?: |$)")
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def text(page: Path) -> str:
+    """Return a page without its blocks of code between fences."""
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def stray_markers(markdown: str) -> Iterator[str]:
+    """Yield the lines that start an item of no list: those directly after text that holds no item before."""
+    items: dict[int, str | None] = {}  # number, or None of a bullet, of the last item by indentation
+    after_text = False
+    for line in markdown.splitlines():
+        if not line.strip():
+            items, after_text = {}, False
+            continue
+        if marker := MARKER.match(line):
+            indent, number = len(marker[1]), marker[2]
+            if after_text and not (indent in items and follows(items[indent], number)):
+                yield line
+            items = {of: last for of, last in items.items() if of < indent} | {indent: number}
+        after_text = True
+
+
+def follows(last: str | None, number: str | None) -> bool:
+    """Return whether two items are of one list: both bullets, or with numbers in order."""
+    if last is None or number is None:
+        return last is number
+    return int(number) == int(last) + 1
+
+
+def test_a_sentence_that_ends_with_a_number_at_the_start_of_a_line_is_a_stray_marker():
+    assert list(stray_markers("- It exits with\n  2. Only a reader ends it.\n")) == ["  2. Only a reader ends it."]
+    assert list(stray_markers("a difference of 3\n- 2 px\n")) == ["- 2 px"]
+    assert list(stray_markers("1. One,\n   two.\n2. Three.\n\n- Four\n- five\n\n  6. Seven.\n")) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_no_line_inside_a_sentence_starts_a_list(page):
+    assert list(stray_markers(text(page))) == []
