@@ -57,3 +57,13 @@ def test_a_sentence_that_ends_with_a_number_at_the_start_of_a_line_is_a_stray_ma
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_no_line_inside_a_sentence_starts_a_list(page):
     assert list(stray_markers(text(page))) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_picture_has_a_caption_and_words_that_describe_it(page):
+    """The caption is a paragraph in italics, directly below the picture."""
+    blocks = text(page).split("\n\n")
+    for block, below in zip(blocks, [*blocks[1:], ""], strict=True):
+        if picture := re.match(r"\s*!\[([^\]]*)\]\([^)]+\)", block):
+            assert re.fullmatch(r"\s*\*[^*\s].*[^*\s]\*\s*", below, re.DOTALL), f"{name(page)}: {picture[0]}"
+            assert len(picture[1].split()) > 1, f"{name(page)}: {picture[0]}"
