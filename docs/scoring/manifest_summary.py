@@ -7,7 +7,7 @@ to SGBM's compares both on the same images. Near ground is nearer than 8 m.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -245,7 +245,7 @@ def markdown(content: Mapping[str, Any]) -> str:
     """
     limit = content["limit"]
     trial = "" if limit is None else f" **A trial: at most {counted(limit, 'pair')} of each place.**"
-    lines = ["# Scores on the manifest", "", " ".join((__doc__ or "").split("\n\n")[1].split()) + trial]
+    lines = [f"# {_title(content['parts'])}", "", " ".join((__doc__ or "").split("\n\n")[1].split()) + trial]
     for size, by_set in content["parts"].items():
         for name, part in by_set.items():
             lines += [
@@ -267,6 +267,17 @@ def markdown(content: Mapping[str, Any]) -> str:
                     lines += ["", f"{where}:", "", *_figure_table(ROCKS, methods), "", *_bin_table(methods)]
     used = ", ".join(f"{name} {value}" for name, value in content["versions"].items() if value is not None)
     return "\n".join([*lines, "", f"{runtime_sentence(content['runtime'])}{used}.", ""])
+
+
+def _title(parts: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the heading of a page, which says what its pairs are. parts: by size and set."""
+    sets = dict.fromkeys(name for by_set in parts.values() for name in by_set)
+    return f"Scores on the manifest: {_listed(sets)} pairs of {_listed(parts)} px"
+
+
+def _listed(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _figure_table(terms: Mapping[str, Term], methods: Mapping[str, Any]) -> list[str]:

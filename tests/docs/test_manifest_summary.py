@@ -1,5 +1,8 @@
 """The figures of a manifest, from records of pairs that are known."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -127,6 +130,7 @@ def test_the_tables_show_every_figure_and_say_that_a_trial_is_one(manifest_summa
     text = manifest_summary.markdown(
         {"limit": 2, "runtime": "openvino 1", "versions": {"torch": "2", "numpy": None}, **content}
     )
+    assert text.startswith("# Scores on the manifest: clean pairs of 512 and 1024 px\n")
     for term in (*manifest_summary.PIXELS.values(), *manifest_summary.ROCKS.values()):
         assert f"| {term.title} |" in text
     low, high = content["parts"]["512"]["clean"]["depth"]["M3Depth"]["abs_rel"]["interval"]
@@ -145,3 +149,11 @@ def test_a_method_that_gets_the_true_depth_is_marked(manifest_summary):
         content = manifest_summary.summary([result("512", pairs, gets_truth=given)])
         text = manifest_summary.markdown({"limit": None, "runtime": None, "versions": {}, **content})
         assert f"|  | {title} | SGBM |" in text
+
+
+@pytest.mark.parametrize("name", ["all_512", "all_1024", "clean", "dust", "sizes"])
+def test_the_headings_of_the_pages_say_which_pairs_they_score(manifest_summary, name):
+    folder = Path(__file__).parents[2] / "docs/results/depth"
+    content = json.loads((folder / f"{name}.json").read_text())
+    title = manifest_summary.markdown({"runtime": None} | content).partition("\n")[0]
+    assert (folder / f"{name}.md").read_text().partition("\n")[0] == title

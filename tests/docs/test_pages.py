@@ -67,3 +67,8 @@ def test_every_picture_has_a_caption_and_words_that_describe_it(page):
         if picture := re.match(r"\s*!\[([^\]]*)\]\([^)]+\)", block):
             assert re.fullmatch(r"\s*\*[^*\s].*[^*\s]\*\s*", below, re.DOTALL), f"{name(page)}: {picture[0]}"
             assert len(picture[1].split()) > 1, f"{name(page)}: {picture[0]}"
+
+
+def test_no_two_pages_have_the_same_title():
+    titles = [re.search(r"^# (.+)$", text(page), re.MULTILINE)[1] for page in PAGES if page.name != "README.md"]
+    assert len(set(titles)) == len(titles)
