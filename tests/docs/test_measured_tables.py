@@ -302,3 +302,13 @@ def test_the_drives_of_the_methods_are_those_of_their_file(method_drives) -> Non
     drives = method_drives.read_drives(ROOT / "methods" / "gale.jsonl")
     table = method_drives.drives_table(drives, method_drives.Options(Path("gale.jsonl")).order)
     assert table in (ROOT / "methods.md").read_text()
+
+
+def test_the_figures_of_the_first_page_are_those_of_the_results() -> None:
+    page = " ".join((ROOT.parent / "index.md").read_text().split())
+    errors = {(row[0], row[1].strip("*")): row[2] for row in rows("depth.md", "## On unseen scenes\n")}
+    ours, classical = (errors["512 px, clean", method] for method in ("M3Depth lite", "SGBM-HH, filled"))
+    assert f"is {ours} with M3Depth and {classical} with OpenCV's semi-global matching" in page
+    truth, m3depth, sgbm, _ = (cell.partition(",")[0] for cell in rows("marsnav-v1.md", "## On test")[-1][2:])
+    others = f"{sgbm.partition(' ')[0]} with OpenCV's SGBM and {truth.partition(' ')[0]} with the true depth"
+    assert f"reaches {m3depth.replace(' of 280', ' of 280 goals')} with M3Depth, {others}" in page
