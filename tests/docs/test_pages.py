@@ -13,6 +13,14 @@ PAGES = sorted(
         ROOT / "m3depth" / "weights" / "MODEL_CARD.md",
     ]
 )  # fmt: skip
+NARROW = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs" / "start").glob("*")),
+    *sorted((ROOT / "docs" / "guides").glob("*")),
+]
+LONG = {"docs/guides/drive.md", "docs/guides/own-driver.md", "docs/guides/train.md"}  # not wrapped yet
+COMMAND = re.compile(r"^ {4}(?:PATH=\S+ )?(?:python|torchrun|make|pip|git) .*(?:(?<=\\)\n.*)*", re.MULTILINE)
+WIDTH = 80  # columns that a page of the site shows of code
 MARKER = re.compile(r"( *)(?:(\d+)[.)]|[-*+])(?: |$)")
 
 
@@ -72,3 +80,9 @@ def test_every_picture_has_a_caption_and_words_that_describe_it(page):
 def test_no_two_pages_have_the_same_title():
     titles = [re.search(r"^# (.+)$", text(page), re.MULTILINE)[1] for page in PAGES if page.name != "README.md"]
     assert len(set(titles)) == len(titles)
+
+
+@pytest.mark.parametrize("page", [page for page in NARROW if name(page) not in LONG], ids=name)
+def test_the_commands_of_the_guides_are_as_narrow_as_the_pages_show_them(page):
+    lines = [line for command in COMMAND.findall(text(page)) for line in command.splitlines()]
+    assert [line for line in lines if len(line) > 4 + WIDTH] == []
