@@ -14,8 +14,7 @@ ROOT = Path(__file__).parents[2]
 MODULES = [f"{package}.{command}" for package, commands in COMMANDS.items() for command in commands]
 PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # What a command line of the pages stands for, where it must be more than a name.
-OWN = {"PLACE": "gale", "SEED": "7", " DUST": " --scene utopia", " WIDE": "", " BLANK": "", " LARGE": ""}
-OWN[" FILES"] = " --left *Left.png --right *Right.png --depth *Depth.exr --calib natecam"
+OWN = {"PLACE": "gale", "SEED": "7", " WIDE": "", " BLANK": "", " LARGE": ""}
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +62,16 @@ def test_the_environment_is_in_the_reference_with_every_argument(pages):
 def commands(page: Path) -> list[str]:
     """The command lines of a page that call one of our modules, each as one line."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    for variable, flags in arrays(text).items():
+        text = text.replace(f'"${{{variable}[@]}}"', flags)
     lines = [line.strip() for line in text.splitlines() if re.match(r" {4,}\S", line)]
     return [line for line in lines if re.match(r"(python|torchrun\b.*) -m (marssim|m3depth|nav|envs)\.", line)]
+
+
+def arrays(text: str) -> dict[str, str]:
+    """The flags that a page puts into variables of the shell."""
+    found = re.findall(r"^ {4}([A-Z]+)=\(([^)]*)\)$", text, re.MULTILINE)
+    return {variable: " ".join(flags.split()) for variable, flags in found}
 
 
 LINES = [(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in commands(page)]
@@ -72,6 +79,12 @@ LINES = [(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in
 
 def test_the_guides_hold_command_lines():
     assert len(LINES) > 40
+
+
+def test_the_methods_are_trained_on_the_ranges_of_the_guide():
+    guide = " ".join((ROOT / "docs/guides/train.md").read_text(encoding="utf-8").replace("\\\n", " ").split())
+    ranges = arrays((ROOT / "docs/results/methods.md").read_text(encoding="utf-8"))
+    assert set(ranges) == {"WIDE", "BLANK"} and all(flags in guide for flags in ranges.values())
 
 
 @pytest.mark.parametrize(("page", "line"), LINES, ids=lambda value: value[:60])

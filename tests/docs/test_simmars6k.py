@@ -51,10 +51,10 @@ def simmars(tmp_path_factory) -> Path:
 def commands() -> list[list[str]]:
     """The words of each command of the guide."""
     text = GUIDE.read_text(encoding="utf-8").replace("\\\n", " ")
-    files = re.search(r"FILES stands for `([^`]*)`", text)
+    files = re.search(r"^ {4}FILES=\(([^)]*)\)$", text, re.MULTILINE)
     assert files is not None
     lines = re.findall(r"^    (python -m m3depth\..*)$", text, re.MULTILINE)
-    return [shlex.split(line.replace("FILES", files[1].replace("\n", " "))) for line in lines]
+    return [shlex.split(line.replace('"${FILES[@]}"', files[1].replace("\n", " "))) for line in lines]
 
 
 @pytest.mark.usefixtures("undrawn_figures")
