@@ -275,9 +275,9 @@ def main(folder: Path) -> None:
 
 def guides(folder: Path) -> None:
     """Make the pictures of the guides."""
-    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"), largest=150_000)
+    save("guide_generate.jpg", picture(folder / "small" / "contact_sheet.png"), largest=98_000)
     save("guide_verify.jpg", picture(folder / "verify" / "statistics.png"))
-    save("guide_score.jpg", picture(folder / "score" / "comparison.png"), largest=150_000)
+    save("guide_score.jpg", picture(folder / "score" / "comparison.png"), largest=98_000)
     save("guide_predict.jpg", picture(folder / "predict" / "figure.png"))
     save("guide_own_estimator.jpg", picture(folder / "own" / "qualitative.png"))
     save("guide_drive.jpg", picture(next((folder / "drive" / "maps").glob("*.png"))))
