@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import re
 import shlex
 import sys
 import warnings
@@ -161,12 +162,24 @@ def _flag(action: argparse.Action) -> str:
     values = values.removeprefix("{None}|")
     names = action.option_strings or [values or action.dest]
     shown = [f"`{name}`" for name in names]
-    return ", ".join(shown) + (f" `{_cell(values)}`" if values and action.option_strings else "")
+    return ", ".join(shown) + (f" {_cell(f'`{values}`')}" if values and action.option_strings else "")
 
 
 def _cell(text: str) -> str:
+    """Text as a cell of a table, in which a backslash within code would show."""
     text = " ".join(text.split()).replace("%%", "%").removesuffix(" (default: None)")
-    return text.replace("|", "\\|").replace("<", "&lt;")
+    return "".join(
+        _code(part) if n % 2 else part.replace("|", "\\|").replace("<", "&lt;")
+        for n, part in enumerate(re.split(r"`([^`]+)`", text))
+    )
+
+
+def _code(text: str) -> str:
+    """Code in a cell, as HTML where it holds bars or lists: these may break after each value."""
+    if not re.search("[|,]", text):
+        return f"`{text}`"
+    shown = re.sub(r"[^\w\s.,:;{}-]|_", lambda sign: f"&#{ord(sign[0])};", text)  # so that no sign is Markdown
+    return "<code>" + re.sub("(,|&#124;)", r"\1<wbr>", shown) + "</code>"
 
 
 if __name__ == "__main__":

@@ -40,6 +40,15 @@ def test_every_flag_has_a_meaning_in_the_reference(module, pages):
     assert rows and all(re.search(r"\| \S.*\|$", row) for row in rows)
 
 
+def test_a_cell_of_the_reference_shows_bars_without_a_backslash(pages, reference_pages):
+    for page in pages.values():
+        rows = [line for line in page.splitlines() if line.startswith("|")]
+        assert not any("\\|" in code for row in rows for code in re.findall(r"`[^`]*`|<code>.*?</code>", row))
+        assert all(len(re.findall(r"(?<!\\)\|", row)) == 3 for row in rows if row.startswith("| `--"))
+    assert "<code>{utopia,<wbr>" in pages["reference/commands-marssim.md"]
+    assert reference_pages._cell("`a|<b>` or c|<d>, `e`") == "<code>a&#124;<wbr>&#60;b&#62;</code> or c\\|&lt;d>, `e`"
+
+
 @pytest.mark.parametrize("package", list(COMMANDS))
 def test_every_public_name_is_in_the_reference_and_can_be_imported(package, pages):
     module = import_module(package)
