@@ -26,6 +26,19 @@ def reference_pages():
 
 
 @pytest.fixture(scope="session")
+def dead_links():
+    """docs/dead_links.py, which mkdocs finds beside its hooks."""
+    return _script("dead_links")
+
+
+@pytest.fixture(scope="session")
+def hooks(reference_pages, dead_links):
+    """docs/hooks.py, which finds its modules beside it. Skips where mkdocs is not installed."""
+    pytest.importorskip("mkdocs")
+    return _script("hooks")
+
+
+@pytest.fixture(scope="session")
 def score_manifest():
     """docs/scoring/score_manifest.py, which finds manifest_summary beside it."""
     return [_script(name, SCORING) for name in ("manifest_summary", "score_manifest")][-1]
