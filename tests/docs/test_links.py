@@ -79,7 +79,18 @@ def leaves(nav):
 def test_the_site_takes_nothing_from_the_network():
     config = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
     assert config["theme"]["font"] is False
-    assert "extra_javascript" not in config and "extra_css" not in config
+    assert "extra_javascript" not in config
+    polyfills = config["extra"]["polyfills"]
+    assert any("iframe-worker" in file for file in polyfills)  # else the plugin offline adds one from the network
+    for file in [*config["extra_css"], *polyfills]:
+        text = (ROOT / "docs" / file).read_text(encoding="utf-8")
+        assert not re.search(r"https?:|//\w|@import|url\(", text), file
+
+
+def test_the_site_names_the_licence_of_the_project():
+    copyright_line = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["copyright"]
+    licence, _, rest = (ROOT / "LICENSE").read_text(encoding="utf-8").partition("\n")
+    assert copyright_line == f"{rest.strip().splitlines()[0]}. {licence}."
 
 
 def test_no_picture_is_large_and_each_is_shown():
