@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 MODULES = [f"{package}.{command}" for package, commands in COMMANDS.items() for command in commands]
 PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # What a command line of the pages stands for, where it must be more than a name.
-OWN = {"PLACE": "gale", "SEED": "7", " WIDE": "", " BLANK": "", " LARGE": ""}
+OWN = {"PLACE": "gale", "SEED": "7"}
 
 
 @pytest.fixture(scope="module")
