@@ -26,6 +26,7 @@ _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _PAGE_NAME = re.compile(r"(?<!\[)`(reference/[\w-]+)`")
 _LINKED = re.compile(r"(<a\b.*?</a>)", re.DOTALL)
 _PICTURE = re.compile(r"<img\b[^>]*\bsrc=\"(?!data:)([^\"]+)\"[^>]*>")
+GLOSSARY = "start/glossary.md"
 _LOG = logging.getLogger("mkdocs.hooks")
 
 
@@ -52,6 +53,8 @@ def on_page_markdown(text: str, page: Any, config: Any, files: Files) -> str:
     A link to another file of the repository becomes its label, or the file's path where the label is only its name.
     """
     path = page.file.src_uri
+    if path == GLOSSARY:
+        page.meta["search"] = {"boost": 3}  # a search for a term finds it there first
     source = sources().get(path, ROOT / "docs" / path)
     by_source = {os.path.normpath(file): name for name, file in sources().items()}
     by_source |= {os.path.normpath(ROOT / file): name for file, name in REFERENCE.items()}

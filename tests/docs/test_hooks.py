@@ -87,3 +87,11 @@ def test_each_dead_link_of_the_site_is_a_warning_and_others_are_none(dead_links,
     hooks.on_post_build(SimpleNamespace(site_dir=str(tmp_path)))
     assert [record.levelname for record in caplog.records] == ["WARNING"] * len(dead)
     assert all(record.name.startswith("mkdocs.") for record in caplog.records)  # a strict build counts those
+
+
+def test_a_search_finds_the_glossary_first(hooks):
+    from mkdocs.structure.files import Files
+
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="start/glossary.md"), meta={})
+    assert hooks.on_page_markdown("# Glossary", page, None, Files([])) == "# Glossary"
+    assert page.meta == {"search": {"boost": 3}}
