@@ -20,7 +20,7 @@ class _Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = dict(attrs)
         self.links |= {value for key in ("href", "src") if (value := values.get(key))}
-        self.anchors |= {value for key in ("id", "name") if (value := values.get(key))}
+        self.anchors |= {value for key in ("id", "name" if tag == "a" else "id") if (value := values.get(key))}
 
 
 def dead_links(site: Path) -> list[str]:

@@ -6,9 +6,9 @@
         --goal-distance 10 --out out/ppo
 
 The policy observes and acts as envs.drivers.corridors.Corridors documents: it sees how far each of 13 ways is free, and
-chooses one of them. OUT/policy.zip is the policy, OUT/train_ppo.json its courses and its time of training,
-OUT/log.jsonl its progress. The same command continues where it was stopped, with the rest of the time. Of policy.zip it
-reads tensors and JSON alone: nothing in the file is executed.
+chooses one of them. OUT/policy.zip is the policy, OUT/train_ppo.json its courses, its time of training and
+the versions of packages of all runs, OUT/log.jsonl its progress. The same command continues where it was stopped, with
+the rest of the time. Of policy.zip it reads tensors and JSON alone: nothing in the file is executed.
 """
 
 from __future__ import annotations
@@ -330,6 +330,8 @@ def _folder(config: PPOConfig) -> ResultFolder:
 
 def _versions(previous: dict[str, Any] | None) -> dict[str, Any]:
     """Return the versions of packages and the machine, joined with those that earlier runs noted."""
+    import torch  # noqa: F401  # versions() reports its threads, and only an old policy loads it before
+
     earlier = {} if previous is None else previous.get(VERSIONS)
     now = {**versions(), **{package: version(package) for package in LEARNING}}
     return joined_versions([earlier, now] if isinstance(earlier, dict) and earlier else [now])

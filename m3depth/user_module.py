@@ -47,8 +47,8 @@ def _check_unchanged(name: str, module: ModuleType) -> None:
     if spec is None or not spec.has_location or not Path(file := spec.origin or "").is_file():
         return
     digest = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    known, imported = _IMPORTED.get(name, (None, ""))
-    if known is not spec:
+    previous_spec, imported = _IMPORTED.get(name, (None, ""))
+    if previous_spec is not spec:
         _IMPORTED[name] = spec, digest
     elif digest != imported:
         raise ChangedModuleError(

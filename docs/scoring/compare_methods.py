@@ -8,8 +8,9 @@ beside them, such as SGBM, are in the tables too. OUT/records gets a file for ea
 another call takes such files beside scores or without them, from trainings on other days or machines. All methods must
 have been scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs.
 Rows of a method for normals say whose depth it got; those with the true depth come last. --out gets methods.md,
-methods.json, error_by_depth_SET.png and curves.png too. The time and memory of a network are measured by this command,
-with random weights, and so are those of the methods without training that the package has.
+methods.json, curves.png and error_by_depth_SET.png too; the last leaves out methods whose names end with " unfilled".
+The time and memory of a network are measured by this command, with random weights, and so are those of the methods
+without training that the package has.
 """
 
 from __future__ import annotations
@@ -359,7 +360,8 @@ def work(options: Options) -> None:
     }
     for name, part in content["sets"].items():
         shown = {method: errors for method, errors in part["intervals"].items() if not errors["gets_truth"]}
-        shown = {method: errors for method, errors in shown.items() if "unfilled" not in method} or part["intervals"]
+        shown = shown or part["intervals"]
+        shown = {method: errors for method, errors in shown.items() if not method.endswith(" unfilled")} or shown
         titles = dict(marked(shown))
         untrained = [title for title, method in zip(titles, shown, strict=True) if method not in trained]
         interval_figure(titles, options.out / f"error_by_depth_{name}.png", NATECAM.fb, untrained)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.drives.config import EvaluateConfig
-from m3depth.class_files import joint_digest
+from m3depth.class_files import class_files, joint_digest
 from m3depth.estimator import EstimatorName
 from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
 from marssim.base.command.wording import counted
@@ -205,6 +205,7 @@ def check_paths(config: EvaluateConfig, names: Sequence[str], folder: Path) -> N
         folder: The folder in which the command was started.
     """
     here, files = Path.cwd(), [file for name in names if (file := _read_from(name)) is not None]
+    files += [file for name in names if ":" in name for file in class_files(name)]
     files += [Path(name) for name in (config.scene, config.suite) if name is not None and name.endswith(".json")]
     relative = [file for file in files if not file.is_absolute()]
     if relative and here != folder:

@@ -103,8 +103,8 @@ class TrueDepthMap:
         rows, columns = self._touched(self._map, place)
         if not len(rows):
             other = self._at_true_places
-            seen = other is not None and len(self._touched(other, true_place)[0])
-            return Cause.ODOMETRY if seen else Cause.UNSEEN_OBSTACLE
+            shown = other is not None and len(self._touched(other, true_place)[0])
+            return Cause.ODOMETRY if shown else Cause.UNSEEN_OBSTACLE
         spec, rules = self._navigator.spec, self._navigator.config.traversability
         beside = assess(self._navigator.map, spec, rules).clearance[rows, columns]
         return Cause.KNOWN_OBSTACLE if beside.min() <= SAME_OBSTACLE else Cause.MISSED_OBSTACLE

@@ -42,7 +42,11 @@ def interval_figure(
     groups = [list(results)]
     if many and 0 < len(trained) < len(results):  # the first method is in both, to compare with
         groups = [trained, [trained[0], *(name for name in results if name in untrained)]]
-    figure = Figure(figsize=(13, 6.4 * len(groups)) if many else (11, 4.6), layout="constrained", dpi=120)
+    figure = Figure(
+        figsize=(13, 6.4 * len(groups) if len(groups) > 1 else 7.6) if many else (11, 4.6),
+        layout="constrained",
+        dpi=120,
+    )
     for part, names in zip(figure.subfigures(len(groups), 1, squeeze=False)[:, 0], groups, strict=True):
         panels = part.subplots(1, 3)
         for ax, key in zip(panels, ERRORS, strict=True):

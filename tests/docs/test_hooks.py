@@ -69,6 +69,7 @@ def test_a_picture_becomes_a_link_to_its_file_unless_it_is_in_a_link(hooks):
 def test_each_dead_link_of_the_site_is_a_warning_and_others_are_none(dead_links, hooks, tmp_path, caplog):
     (tmp_path / "guides").mkdir()
     (tmp_path / "index.html").write_text(
+        '<meta name="viewport"><a href="#viewport"></a><a name="old"></a><a href="#old"></a>'
         '<h1 id="top">Home</h1><a href="#top"></a><a href="guides/a%20b.html#part"></a><img src="map.jpg">'
         '<a href="guides/a%20b.html#parts"></a><a href="guides"></a><a href="https://example.org/x"></a>'
     )
@@ -79,6 +80,7 @@ def test_each_dead_link_of_the_site_is_a_warning_and_others_are_none(dead_links,
     dead = [
         "guides/a b.html: /x",
         "guides/a b.html: c.py",
+        "index.html: #viewport",
         "index.html: guides",
         "index.html: guides/a%20b.html#parts",
         "index.html: map.jpg",

@@ -44,7 +44,7 @@ def stray_markers(markdown: str) -> Iterator[str]:
             indent, number = len(marker[1]), marker[2]
             if after_text and not (indent in items and follows(items[indent], number)):
                 yield line
-            items = {of: last for of, last in items.items() if of < indent} | {indent: number}
+            items = {column: last for column, last in items.items() if column < indent} | {indent: number}
         after_text = True
 
 

@@ -79,8 +79,8 @@ def commands(page: Path) -> list[str]:
 
 def arrays(text: str) -> dict[str, str]:
     """The flags that a page puts into variables of the shell."""
-    found = re.findall(r"^ {4}([A-Z]+)=\(([^)]*)\)$", text, re.MULTILINE)
-    return {variable: " ".join(flags.split()) for variable, flags in found}
+    matches = re.findall(r"^ {4}([A-Z]+)=\(([^)]*)\)$", text, re.MULTILINE)
+    return {variable: " ".join(flags.split()) for variable, flags in matches}
 
 
 LINES = [(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in commands(page)]

@@ -64,6 +64,12 @@ def test_it_trains_goes_on_and_what_it_saves_drives(tmp_path, make_env, small_pl
     assert driver.needs_map and driver.corridors and driver.act(env, observation) in env.action_space
 
 
+def test_the_versions_of_a_run_do_not_depend_on_what_was_imported_before(tmp_path):
+    code = "from envs.train_ppo import _versions; print('torch_threads' in _versions(None))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
+
+
 def test_a_policy_counts_no_choices_that_it_has_not_learnt_from(tmp_path, small_place, monkeypatch):
     from stable_baselines3 import PPO
 

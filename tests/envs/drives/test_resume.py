@@ -305,6 +305,17 @@ def test_a_worker_in_another_folder_refuses_relative_paths(tmp_path, monkeypatch
         check("")
 
 
+def test_a_worker_in_another_folder_refuses_relative_files_of_a_class(tmp_path, monkeypatch):
+    (tmp_path / "reading_here.py").write_text("class Method:\n    files = ['net.pt']\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    names = ("straight", "reading_here:Method")
+    config = SimpleNamespace(scene="gale", suite=None)
+    monkeypatch.chdir(tmp_path)
+    check_paths(config, names, tmp_path)
+    with pytest.raises(DatasetError, match=r"^net\.pt: the worker on"):
+        check_paths(config, names, tmp_path / "elsewhere")
+
+
 def test_workers_in_another_folder_drive_with_absolute_paths(tmp_path, monkeypatch):
     """OUT may be relative: the command itself writes there."""
     distributed = pytest.importorskip("distributed")

@@ -202,14 +202,14 @@ def test_methods_without_training_are_dashed_and_many_of_them_have_a_row_with_th
     two = len(names) > 12 and trained > 0 and others > 0
     rows = [names[:trained], [names[0], *names[trained:]]] if two else [names]
     assert len(figure.subfigs) == len(rows)
-    seen = set()
+    styles = set()
     for part, shown in zip(figure.subfigs, rows, strict=True):
         dashed = ["-" if names.index(name) < trained else "--" for name in shown]
         assert [text.get_text() for text in part.legends[0].get_texts()] == shown
         for lines in (*(ax.lines for ax in part.axes[:3]), part.legends[0].get_lines()):
             assert [line.get_linestyle() for line in lines] == dashed
-        seen |= {(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in part.axes[0].lines}
-    assert len(seen) == len(names)
+        styles |= {(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in part.axes[0].lines}
+    assert len(styles) == len(names)
     assert ("dashed: not trained here" in figure.get_supxlabel()) == (others > 0)
 
 
