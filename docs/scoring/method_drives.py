@@ -72,10 +72,10 @@ def collect(file: Path, folders: Sequence[Path]) -> list[EpisodeRecord]:
     """
     drives = {_key(drive): drive for drive in (read_drives(file) if file.exists() else [])}
     for folder in folders:
-        found = sorted((folder / "episodes").glob("*.json"))
-        if not found:
+        files = sorted((folder / "episodes").glob("*.json"))
+        if not files:
             raise DatasetError(f"--folders {folder}: holds no drive of envs.evaluate")
-        for path in found:
+        for path in files:
             drive = read_record(path)
             drives.setdefault(_key(drive), drive)
     together = [drives[key] for key in sorted(drives)]
@@ -97,9 +97,9 @@ def check_comparable(file: Path, drives: Sequence[EpisodeRecord]) -> None:
         file: The file that the drives are for, which the message names.
         drives: The drives.
     """
-    for what, found in (("driver", {d.driver for d in drives}), ("cell", {d.cell for d in drives})):
-        if len(found) > 1:
-            raise DatasetError(f"--file {file}: can hold the drives of one {what}, not of {', '.join(sorted(found))}")
+    for what, names in (("driver", {d.driver for d in drives}), ("cell", {d.cell for d in drives})):
+        if len(names) > 1:
+            raise DatasetError(f"--file {file}: can hold the drives of one {what}, not of {', '.join(sorted(names))}")
     perceptions: dict[str, str] = {}
     for drive in drives:
         other = perceptions.setdefault(name_of(drive.perception), drive.perception)
