@@ -91,6 +91,15 @@ def crab(speed: float, direction: float, spec: RoverSpec = ZHURONG) -> WheelComm
     return wheel_command(speed * np.cos(direction), 0.0, spec, lateral=speed * np.sin(direction))
 
 
+def tightest_radius(spec: RoverSpec = ZHURONG) -> float:
+    """Return the least radius [m] of a drive along a curve: on a tighter one, a wheel needs more than spec.max_steer.
+
+    Args:
+        spec: The rover.
+    """
+    return float(np.max(np.abs(spec.wheel_positions[:, 1]) + _steering_reach(spec)))
+
+
 def steerable(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG) -> tuple[float, float]:
     """Return the drivable motion that is nearest to the requested one, within the limits of speed and steering.
 
@@ -110,11 +119,8 @@ def steerable(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG) -> tuple
     yaw_rate = float(np.clip(yaw_rate, -spec.max_yaw_rate, spec.max_yaw_rate))
     if yaw_rate == 0.0:
         return speed, yaw_rate
-    # Wheel i at (x, y): |w x| <= tan(max_steer) |v - w y|, hence radius v / w at least reach away from each y.
-    reach = np.abs(spec.wheel_positions[:, 0]) / np.tan(spec.max_steer)
-    y = spec.wheel_positions[:, 1]
     radius = speed / yaw_rate
-    low, high = float(np.min(np.abs(y) - reach)), float(np.max(np.abs(y) + reach))
+    low, high = float(np.min(np.abs(spec.wheel_positions[:, 1]) - _steering_reach(spec))), tightest_radius(spec)
     if low < abs(radius) < high:
         # A drive becomes a wider drive; a motion near a point turn becomes a tighter turn.
         wanted = high if abs(radius) > (low + high) / 2 else max(low, 0.0)
@@ -122,3 +128,9 @@ def steerable(speed: float, yaw_rate: float, spec: RoverSpec = ZHURONG) -> tuple
             yaw_rate *= spec.max_speed / (wanted * abs(yaw_rate))
         speed = float(np.sign(speed) * wanted * abs(yaw_rate))
     return speed, yaw_rate
+
+
+def _steering_reach(spec: RoverSpec) -> np.ndarray:
+    """Return how far the turning centre must lie from each wheel, to its left or right [m]: (6,)."""
+    # Wheel i at (x, y): |w x| <= tan(max_steer) |v - w y|, hence radius v / w at least this far from each y.
+    return np.asarray(np.abs(spec.wheel_positions[:, 0]) / np.tan(spec.max_steer))

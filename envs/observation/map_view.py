@@ -47,7 +47,7 @@ class MapView:
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         if sight is not None:
             eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
-            self.map.integrate(sight.depth, sight.confidence, sight.rig, eye)
+            self.map.integrate(sight.depth, sight.confidence, sight.rig, eye, self.spec.mount.height)
         ground = assess(self.map, self.spec, TraversabilityConfig())
         yaw = np.arctan2(pose[1, 0], pose[0, 0])
         c, s = np.cos(yaw), np.sin(yaw)

@@ -70,7 +70,7 @@ class TrueDepthMap:
         elevation.recentre(pose[:2, 3])
         elevation.assume_under(pose, spec.length, spec.width)
         if env.gaze.fresh and sight is not None and sight.true_depth is not None:
-            elevation.integrate(sight.true_depth, None, sight.rig, eye)
+            elevation.integrate(sight.true_depth, None, sight.rig, eye, spec.mount.height)
 
     def cause(self, env: MarsNavEnv) -> Cause | None:
         """Return why the drive failed that has just ended.

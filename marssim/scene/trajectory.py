@@ -188,7 +188,7 @@ def _draw_path(
 
 def obstacle_discs(scene: Scene) -> np.ndarray:
     """Return (M, 3) x, y and radius [m] of discs on the bodies and the ground that the rover cannot drive over."""
-    tall = np.flatnonzero(scene.bodies.height > ZHURONG.obstacle_height)
+    tall = np.flatnonzero(scene.bodies.height >= ZHURONG.obstacle_height)
     reach = reach_above_ground(scene.bodies, tall, scene.terrain.height_at)
     rocks = np.column_stack([scene.bodies.centre[tall, :2], reach])
     row, column = np.nonzero(steep_ground(scene.terrain, ZHURONG, scene.half, STEEP_CELL))

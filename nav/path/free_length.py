@@ -13,23 +13,24 @@ from nav.path.stance import StanceModel
 
 REPLANNED = 0.01  # [m] by which a rover within a margin may come nearer from one plan to the next
 REPLANNED_TILT = 0.02  # [rad] by which a rover beyond the tilt limit may tilt more from one plan to the next
-HALF_CELL = 0.05  # [m] half a cell of the map, by which an obstacle's edge may be wrong
 
 
-def room_needed(room: np.ndarray, margin: float) -> np.ndarray:
+def room_needed(room: np.ndarray, margin: float, cell: float) -> np.ndarray:
     """Return how near to an obstacle a motion may come.
 
     That is the margin. A rover that already stands within the margin may come nearer by REPLANNED, or it would be
-    stuck; this adds up over the plans, but ends where footprint and obstacle overlap by HALF_CELL.
+    stuck; this adds up over the plans, but ends where footprint and obstacle overlap by half a cell of the
+    map, by which the obstacle's edge may be wrong.
 
     Args:
         room: (...) distance from the rover to the obstacle now [m].
         margin: The margin [m].
+        cell: Edge of a cell of the map [m].
 
     Returns:
         (...) least distance [m].
     """
-    return np.minimum(margin, np.maximum(room - REPLANNED, np.minimum(room, -HALF_CELL)))
+    return np.minimum(margin, np.maximum(room - REPLANNED, np.minimum(room, -cell / 2)))
 
 
 def free_length(
@@ -61,7 +62,7 @@ def free_length(
     """
     room = footprint_distance(ground.clearance, elevation, poses, spec)
     dark_room = footprint_distance(ground.dark_distance, elevation, poses, spec)
-    ok = room >= room_needed(room[:, :1], config.margin if margin is None else margin)
+    ok = room >= room_needed(room[:, :1], config.margin if margin is None else margin, elevation.config.cell)
     ok &= dark_room >= np.minimum(config.dark_margin, dark_room[:, :1] - REPLANNED)
     if stance is not None:
         place = stance.at(poses)

@@ -12,6 +12,7 @@ import numpy as np
 
 from marssim.base.angle import wrapped
 from marssim.base.rover_spec import RoverSpec
+from nav.controller import tightest_radius
 from nav.ground.elevation import ElevationMap
 from nav.ground.traversability import Traversability
 from nav.path.candidates import COST_PARTS, Candidates
@@ -23,6 +24,8 @@ from nav.path.stance import StanceModel
 
 HEADING_FREE = 1.0  # [m] from the goal, within which the heading does not matter
 PROBE = 0.5  # [m] to either side, where the slope of the field is taken
+CURVE_RESERVE = 0.02  # [m] by which the turning centre stays farther away than the steering needs
+DISC_EXCESS = 0.1  # [m] by which the discs of footprint_discs may reach beyond the footprint
 
 
 @dataclass(frozen=True)
@@ -58,9 +61,7 @@ class Planner:
         self.previous_curvature = 0.0
         self.previous_turn = 0.0
         self._turned_back = 0  # turns back since the rover drove: each heading sees the other's way as the better one
-        # The tightest curve that the wheels can steer.
-        sharpest = 1 / (spec.track / 2 + abs(spec.wheel_x[0]) / np.tan(spec.max_steer) + 0.02)
-        sharpest = min(sharpest, spec.max_yaw_rate / spec.max_speed)
+        sharpest = min(1 / (tightest_radius(spec) + CURVE_RESERVE), spec.max_yaw_rate / spec.max_speed)
         grid = np.linspace(-1, 1, config.arcs)
         self._curvatures = sharpest * np.sign(grid) * np.abs(grid) ** 1.5
         self._distance = np.arange(0, config.arc_length + 1e-6, config.spacing)
@@ -219,8 +220,7 @@ class Planner:
         step = 2 * np.pi / self.config.turns
         swept = turns[:, None] * np.linspace(0, 1, max(2, round(float(np.abs(turns).max()) / step) + 1))
         dark_room = footprint_distance(ground.dark_distance, elevation, turn_poses(pose, swept), self.spec)
-        # The discs cover some centimetres more than the footprint.
-        return np.asarray(dark_room.min(axis=1) < np.minimum(dark_room[:, 0], 0.0) - 0.1)
+        return np.asarray(dark_room.min(axis=1) < np.minimum(dark_room[:, 0], 0.0) - DISC_EXCESS)
 
     def free_turns(self, elevation: ElevationMap, ground: Traversability, pose: np.ndarray) -> np.ndarray:
         """Return the heading changes in place [rad] during which the footprint touches nothing, without 0.
@@ -239,7 +239,7 @@ class Planner:
             angle = side * step * np.arange(c.turns // 2 + 1)
             # Between two checked headings a corner moves by 0.14 m at most, which margin and discs cover.
             room = footprint_distance(ground.clearance, elevation, turn_poses(pose, angle), self.spec)
-            ok = room >= room_needed(room[0], self.margin)
+            ok = room >= room_needed(room[0], self.margin, elevation.config.cell)
             ok[0] = True
             out.append(angle[: np.cumprod(ok).sum()][1:])
         return np.concatenate(out)

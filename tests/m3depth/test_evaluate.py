@@ -15,7 +15,8 @@ import torch
 from small_rivals import TINY
 
 from m3depth.estimator import CLASSICAL
-from m3depth.evaluate import EvaluateOptions, evaluate, main, named_estimators, prepare
+from m3depth.evaluate import EvaluateOptions, evaluate, main, prepare
+from m3depth.evaluation.command.methods import named_estimators
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.report import FIGURES
 from m3depth.evaluation.resume import SavedState, SavedStateError
@@ -32,6 +33,7 @@ from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import write_sample
 from marssim.base.files.json_file import DatasetError
 
+METHODS = "m3depth.evaluation.command.methods"
 H, W = 64, 96
 RIG = StereoRig(PinholeCamera.centred(W, H, 120.0), 0.25)
 
@@ -206,7 +208,7 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
     ],
 )
 def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys, monkeypatch, change, message):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     options = {"--data": str(folder), "--out": str(tmp_path / "out"), **change}
     assert main([word for pair in options.items() for word in pair]) == 2
     error = capsys.readouterr().err
@@ -215,7 +217,7 @@ def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys, monkeypatch
 
 
 def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     twice = ["A=m3depth.stereo.classical:SGBM", "A=m3depth.stereo.classical:BlockMatching"]
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--estimator", *twice]) == 2
     assert "the name 'A' is taken" in capsys.readouterr().err
@@ -223,7 +225,7 @@ def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
 
 def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     saved = tmp_path / "saved"
     saved.mkdir()
     for i, sample in enumerate(StereoDataset(folder, "test")):
@@ -248,7 +250,7 @@ def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_pat
 
 
 def test_a_saved_prediction_that_is_missing_or_broken_is_named(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     np.save(tmp_path / "00001_00.npy", np.zeros((2, 2)))
     args = ["--data", str(folder), "--out", str(tmp_path / "out"), "--predictions", f"Saved={tmp_path}"]
     assert main(args) == 2
@@ -314,7 +316,7 @@ def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, cap
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda done, out: drawn.append(done))
     drawn: list = []
     method = Stops(0, None)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", lambda spec, *_, **__: method)
     arguments = ["--data", str(folder), "--baselines", "none", "--degrade", "noise=2"]
     assert main([*arguments, "--out", str(tmp_path / "whole")]) == 0
     method = Stops(3, signal_number)  # in the second pair: methods receive the first one twice
@@ -357,7 +359,7 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     for name, sample in zip(pairs.names, pairs, strict=True):
         np.save(maps / f"{name.replace('/', '_')}.npy", sample.disparity)
     method = Stops(3, signal.SIGINT)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", lambda spec, *_, **__: method)
     arguments = ["--data", str(folder), "--out", "out", "--baselines", "none", "--predictions", "Read=maps"]
     arguments += ["--estimator", "Mine=my_class_of_today:Mine", "Old=m3depth:w.safetensors"]
     assert main(arguments) == 130
@@ -370,11 +372,11 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
     elif change == "--estimator":
         module.write_text("class Mine:\n    better = True\n")
     elif change == "--device":
-        for caller in ("evaluate", "runtimes.choice"):
+        for caller in ("evaluation.command.methods", "runtimes.choice"):
             monkeypatch.setattr(f"m3depth.{caller}.chosen_device", lambda wanted: torch.device("meta"))
         changed = "--device, another --runtime"  # whose record names the device
     elif change == "--runtime":
-        monkeypatch.setattr("m3depth.evaluate.recorded_runtime", lambda *_: "openvino 1.0")
+        monkeypatch.setattr(f"{METHODS}.recorded_runtime", lambda *_: "openvino 1.0")
     else:
         weights.write_bytes(b"others")
         changed = "--estimator"
@@ -390,7 +392,7 @@ def test_a_stopped_evaluation_continues_with_the_same_weights_by_another_path(fo
     (tmp_path / "w.safetensors").write_bytes(b"weights")
     (tmp_path / "elsewhere").mkdir()
     method = Stops(3, signal.SIGINT)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", lambda spec, *_, **__: method)
     arguments = ["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none", "--weights"]
     assert main([*arguments, "w.safetensors"]) == 130
     monkeypatch.chdir("elsewhere")
@@ -407,7 +409,7 @@ def test_a_stopped_evaluation_of_another_network_does_not_continue_in_another_pr
     out = tmp_path / "out"
     arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--weights", str(weights)]
     method = Stops(3, signal.SIGINT)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda spec, *_, **__: method)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", lambda spec, *_, **__: method)
     monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: torch.bfloat16)
     assert main(arguments) == 130
     monkeypatch.setattr("m3depth.runtimes.choice.fast_dtype", lambda device: None)
@@ -438,7 +440,7 @@ def test_baselines_takes_every_classical_method_that_is_registered(names):
 def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys, monkeypatch):
     """make_frame shows up to 15 px."""
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     for limit, has_near in (("192", False), ("8", True)):
         out = tmp_path / limit
         arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--max-disparity", limit]
@@ -451,7 +453,7 @@ def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys, monkey
 
 
 def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none", "sgbm"]) == 2
     assert capsys.readouterr().err == "error: --baselines none excludes other names: give none, or the names\n"
 
@@ -480,7 +482,7 @@ def test_several_weights_are_scored_in_one_table_under_names_of_their_own(folder
         loaded.append(name)
         return Scaled(1 + 0.1 * len(loaded))
 
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", load)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", load)
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
     files = [tmp_path / name / "weights.safetensors" for name in ("first/run", "second/run", "third")]
     for file in files:
@@ -502,9 +504,8 @@ def test_several_weights_are_scored_in_one_table_under_names_of_their_own(folder
 def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatch):
     """results.json as envs.evaluate --scores reads it."""
     test_set_errors = pytest.importorskip("envs.drives.test_set_errors")
-    monkeypatch.setattr(
-        "m3depth.evaluate.load_estimator", lambda name, *_, **__: Scaled(1.1 if name == "sgbm" else 1.2)
-    )
+    scales = {"sgbm": 1.1}
+    monkeypatch.setattr(f"{METHODS}.load_estimator", lambda name, *_, **__: Scaled(scales.get(name, 1.2)))
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(b"weights")
@@ -516,7 +517,7 @@ def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatc
 
 
 def test_progress_is_printed_where_there_is_no_terminal(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
     monkeypatch.setattr("marssim.base.command.progress.LINE_SECONDS", 0.0)
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none"]) == 0
@@ -529,7 +530,7 @@ def test_results_record_which_shipped_weights_were_scored(folder, tmp_path, monk
     shipped.write_bytes(b"some weights")
     monkeypatch.setattr("m3depth.estimator.SHIPPED_WEIGHTS", shipped)
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     out = tmp_path / "out"
     assert main(["--data", str(folder), "--out", str(out), "--baselines", "none", "--limit", "1"]) == 0
     results = json.loads((out / "results.json").read_text())
@@ -544,7 +545,7 @@ def _without_network(spec, *role, **where):
 
 
 def test_broken_sample_is_named(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     write_sample(tmp_path / "scenes" / "00001/00", make_frame(0), {})
     write_index(tmp_path, {}, ["00001/00"])
     (tmp_path / "scenes/00001/00/depth.png").write_bytes(b"")
@@ -564,7 +565,7 @@ def test_split_all_scores_every_split(tmp_path) -> None:
 
 
 def test_a_class_that_returns_no_prediction_is_reported_in_one_line(folder, tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     code = "class Tup:\n    def infer(self, left, right, rig):\n        return left[..., 0]\n"
     (tmp_path / "tup_stereo.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)

@@ -25,7 +25,7 @@ def test_the_estimator_has_20_lines(guide_program):
 
 
 def test_evaluate_takes_the_estimator_by_class_path(tmp_path, my_stereo, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.load_estimator", _without_network)
     rig = StereoRig(PinholeCamera.centred(320, 96, 200.0), 0.25)
     wall = np.random.default_rng(0).integers(0, 255, (96, 340, 1), dtype=np.uint8).repeat(3, axis=2)
     depth, disparity = np.full((96, 320), 2.5, np.float32), np.full((96, 320), 20, np.float32)
@@ -78,7 +78,7 @@ def test_the_recipe_makes_a_round_trip(tmp_path, plane_set, guide_program, monke
     environment = {**os.environ, "PATH": f"{pandora.parent}{os.pathsep}{os.environ['PATH']}"}
     command = [sys.executable, "run_pandora.py", str(tree / "two_view_training"), "out"]
     subprocess.run(command, cwd=tmp_path, env=environment, check=True)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", _without_network)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.load_estimator", _without_network)
     arguments = ["--predictions", f"Pandora={tmp_path / 'out'},scale=-1,fill", "--baselines", "none"]
     assert main(["--data", str(plane_set), "--out", str(tmp_path / "score"), *arguments]) == 0
     results = json.loads((tmp_path / "score" / "results.json").read_text())

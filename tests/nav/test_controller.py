@@ -3,8 +3,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from marssim.base.rover_spec import ZHURONG
-from nav.controller import crab, point_turn, steerable, wheel_command
+from marssim.base.rover_spec import ZHURONG, RoverSpec
+from nav.controller import crab, point_turn, steerable, tightest_radius, wheel_command
 
 HUBS = ZHURONG.wheel_positions[:, :2]
 speeds = st.floats(-0.3, 0.3)
@@ -47,6 +47,17 @@ def test_limits_hold_for_any_wish(speed, yaw_rate):
 def test_steerable_leaves_feasible_motions_alone(speed, yaw_rate):
     assume(abs(speed) >= 0.9 * abs(yaw_rate))
     assert steerable(speed, yaw_rate) == (speed, yaw_rate)
+
+
+@given(st.floats(0.3, 1.2), st.floats(0.6, 2.0), st.floats(0.7, 1.3))
+def test_the_tightest_curve_turns_one_wheel_as_far_as_it_goes(axle, track, max_steer):
+    spec = RoverSpec(wheel_x=(axle, 0.0, -axle), track=track, max_steer=max_steer)
+    radius = tightest_radius(spec)
+    assert np.abs(wheel_command(0.05, 0.05 / radius, spec).angles).max() == pytest.approx(max_steer)
+    for side in (1, -1):
+        speed, yaw_rate = steerable(0.05, side * 0.05 / (0.95 * radius), spec)
+        assert speed / yaw_rate == pytest.approx(side * radius)
+        assert steerable(0.05, side * 0.05 / (1.05 * radius), spec) == (0.05, side * 0.05 / (1.05 * radius))
 
 
 def test_straight_turn_and_crab():

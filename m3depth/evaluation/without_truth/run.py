@@ -42,7 +42,7 @@ def score_without_truth(
         methods: The methods, by the name of their column.
         out: The folder, which the caller has claimed.
         about: What the results say about the run.
-        saved_state: Where the scores so far are saved, and loaded from.
+        saved_state: Where the scores so far are saved, and loaded from; the caller removes it when the figure is drawn.
         align_rows: Whether to align the rows of each pair first.
 
     Returns:
@@ -55,9 +55,10 @@ def score_without_truth(
     """
     records: list[dict[str, Any]] = (saved_state.load() or {"pairs": []})["pairs"]
     rest = pairs[len(records) :]
-    for method in methods.values() if rest else ():
+    if rest:
         first = rest[0].read()
-        first.infer(method)(first.left, first.right, first.rig)  # warms it up
+        for method in methods.values():
+            first.infer(method)(first.left, first.right, first.rig)  # warms it up
     with stop_on_signal() as signals:
         for pair in watched(rest, "pair", "evaluate"):
             records.append({"pair": pair.name, **score_pair(methods, pair.read(), align_rows)})
@@ -65,6 +66,7 @@ def score_without_truth(
             if signals:
                 saved_state.save({"pairs": records})
                 raise KeyboardInterrupt
+    saved_state.save({"pairs": records})
     results = means(records, list(methods))
     write_json(out / "results.json", {**about, "methods": results, "per_pair": records}, sort_keys=False)
     parts = [f"# Evaluation without true depth\n\n{counted(len(records), 'pair')} of `{about['data']}`. {RULES}\n"]
@@ -74,7 +76,6 @@ def score_without_truth(
         rows = {record["pair"]: record[name] for record in records}
         parts.append(f"\n## {name}\n\n{table(rows, markdown=True)}\n")
     write_atomically(out / "results.md", "".join(parts).encode())
-    saved_state.remove()
     print(table(results))
     print(f"{counted(len(records), 'pair')} without true depth; the scores of each are in {out / 'results.md'}")
     return results

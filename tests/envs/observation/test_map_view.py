@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -49,6 +51,18 @@ def test_the_start_stays_behind_and_heights_are_from_where_it_stands(started):
     far = started.update(NOTHING, pose(40.0, 0.0, 0.0))[2]
     assert far[PIXELS // 2, PIXELS // 2] == 1 and far.sum() < 100  # under the rover; the start was left behind
     assert known[behind] == 1 and height[behind] == pytest.approx(0.25)  # 0.5 m higher, in units of 2 m
+
+
+def test_looks_of_another_rover_are_taken_in_from_the_height_of_its_camera(started, monkeypatch):
+    heights = []
+    monkeypatch.setattr(
+        "nav.ground.elevation.ElevationMap.integrate", lambda self, *arguments: heights.append(arguments[-1])
+    )
+    low = MapView(replace(ZHURONG, mount=replace(ZHURONG.mount, height=0.6)))
+    low.start(pose(0.0, 0.0, 0.0))
+    for view in (started, low):
+        view.update(NOTHING, pose(0.0, 0.0, 0.0))
+    assert heights == [1.2, 0.6]
 
 
 @pytest.mark.parametrize("side", [1, -1])

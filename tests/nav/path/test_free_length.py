@@ -16,16 +16,16 @@ from nav.path.stance import StanceModel
 CONFIG = PlannerConfig()
 
 
-@given(st.floats(-0.5, 2.0), st.floats(0.0, 0.3))
-def test_a_rover_within_the_margin_may_come_nearer_by_little_and_never_into_the_rock(room, margin):
-    least = room_needed(np.array(room), margin)
+@given(st.floats(-0.5, 2.0), st.floats(0.0, 0.3), st.floats(0.05, 0.2))
+def test_a_rover_within_the_margin_may_come_nearer_by_little_and_never_into_the_rock(room, margin, cell):
+    least = room_needed(np.array(room), margin, cell)
     assert least <= margin and least <= max(room, margin)
     if room < margin:
         assert room - least <= 0.01 + 1e-9
     plans = [room]
     for _ in range(200):
-        plans.append(min(plans[-1], float(room_needed(np.array(plans[-1]), margin))))
-    assert plans[-1] == pytest.approx(min(room, -0.05)) or room >= margin
+        plans.append(min(plans[-1], float(room_needed(np.array(plans[-1]), margin, cell))))
+    assert plans[-1] == pytest.approx(min(room, -cell / 2)) or room >= margin
 
 
 @pytest.mark.parametrize("side", [-0.6, 0.0, 0.6])

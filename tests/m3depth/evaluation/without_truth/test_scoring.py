@@ -157,7 +157,7 @@ def test_means_leave_out_pairs_without_a_score_and_the_table_shows_it():
 
 
 def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", classical)
     assert main(command(folder, tmp_path / "out")) == 0
     printed = capsys.readouterr().out
     assert "eyes agree" in printed and "2 pairs without true depth" in printed
@@ -190,6 +190,19 @@ def test_the_command_scores_images_alone_and_continues(folder, tmp_path, capsys,
             assert {**record[name], "seconds": 0} == {**other[name], "seconds": 0}
 
 
+def test_a_run_that_is_stopped_while_it_draws_keeps_its_scores(folder, tmp_path, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", classical)
+    with monkeypatch.context() as patch:
+        patch.setattr("m3depth.evaluate.draw_side_by_side", stopped)
+        assert main(command(folder, tmp_path / "out")) == 130
+    monkeypatch.setattr(run, "score_pair", stopped)
+    assert main(command(folder, tmp_path / "out")) == 0
+    assert (tmp_path / "out/qualitative.png").exists() and not (tmp_path / "out/unfinished.npz").exists()
+
+
 def test_a_stopped_run_is_not_continued_with_other_baselines(folder, tmp_path, capsys, monkeypatch):
     scores = [{"SGBM": {}, "SAD": {}}]
 
@@ -199,7 +212,7 @@ def test_a_stopped_run_is_not_continued_with_other_baselines(folder, tmp_path, c
         raise KeyboardInterrupt
 
     names = {"SGBM": ("--baselines", EstimatorName("sgbm")), "SAD": ("--estimator", EstimatorName("sad"))}
-    monkeypatch.setattr("m3depth.evaluate.named_estimators", lambda options: names)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", lambda options: names)
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
     monkeypatch.setattr(run, "score_pair", stopped)
     assert main(command(folder, tmp_path / "out")) == 130
@@ -232,7 +245,7 @@ def test_flags_of_pairs_with_truth_are_refused(folder, tmp_path, capsys, more, m
 
 def test_a_class_that_is_not_found_is_named_with_its_flag(folder, tmp_path, capsys, monkeypatch):
     names = {"Net": ("--estimator", EstimatorName("nowhere.stereo:Net"))}
-    monkeypatch.setattr("m3depth.evaluate.named_estimators", lambda options: names)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", lambda options: names)
     assert main(command(folder, tmp_path / "out")) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: --estimator 'nowhere.stereo:Net': No module named 'nowhere'; run python -m in the")
@@ -256,7 +269,7 @@ def write_rectified(folder, name="", scale=1.0, **rig):
 
 @pytest.mark.usefixtures("undrawn_figures")
 def test_a_common_disparity_stays_out_of_the_images_as_in_a_prediction(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", classical)
     pair = write_rectified(tmp_path)
     images = ["--data", str(tmp_path), "--left", "left.png", "--right", "right.png"]
     assert main([*images, "--calib", str(pair / "rig.json"), "--out", str(tmp_path / "out")]) == 0
@@ -283,7 +296,7 @@ def test_depth_and_the_nearest_one_are_those_with_the_common_disparity():
 
 @pytest.mark.usefixtures("undrawn_figures")
 def test_each_pair_has_the_rig_beside_it_and_pairs_of_two_cameras_are_scored(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("m3depth.evaluate.named_estimators", classical)
+    monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", classical)
     write_rectified(tmp_path, "a/rectified")
     write_rectified(tmp_path, "b/rectified", 0.75)
     images = ["--data", str(tmp_path), "--left", "*/rectified/left.png", "--right", "*/rectified/right.png"]

@@ -1,0 +1,100 @@
+"""The estimators that the flags of m3depth.evaluate name, and what its results record of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from m3depth.estimator import CLASSICAL, M3DEPTH, Estimator, EstimatorName, distinct_labels, load_estimator
+from m3depth.evaluation.command.options import EvaluateOptions
+from m3depth.evaluation.scoring import RESERVED
+from m3depth.holes import FilledEstimator, UnfilledEstimator
+from m3depth.network.device import chosen_device
+from m3depth.runtimes.choice import recorded_runtime
+
+
+@dataclass(frozen=True)
+class ScoredEstimators:
+    """The estimators of an evaluation, and what its results record of them."""
+
+    columns: dict[str, tuple[str, EstimatorName]]
+    """Their names, each with the flag that gives it, by the name of the column, as `named_estimators` returns them."""
+    records: dict[str, dict[str, Any]]
+    """Name and SHA-256 of each, by the name of its column."""
+    runtime: str | None
+    """What runs the networks, as recorded_runtime returns it."""
+    device: str
+    """The kind of device that M3Depth runs on, cpu or cuda."""
+
+    def by_flag(self) -> dict[str, list[Any]]:
+        """Return label and record of each, by the flag that names it; those of weights are alike whatever their path.
+
+        So an evaluation continues with the same weights in another place.
+        """
+        groups: dict[str, list[Any]] = {"--weights": [], "--estimator": []}
+        for label, (flag_name, name) in self.columns.items():
+            record = self.records[label]
+            groups.setdefault(flag_name, []).append(
+                [label, record if name.weights is None else {**record, "name": name.holes}]
+            )
+        return groups
+
+
+def scored_estimators(options: EvaluateOptions) -> ScoredEstimators:
+    """Return the estimators that the flags name, with what the results record of them.
+
+    Raises:
+        ValueError: A name is unknown or taken.
+        OSError: A file of weights is missing or cannot be read.
+    """
+    columns = named_estimators(options)
+    records = {label: {"name": name.form, "sha256": name.digest()} for label, (_, name) in columns.items()}
+    runtime = recorded_runtime([name.name for _, name in columns.values()], options.runtime, options.device)
+    on_cpu = (runtime or "").startswith("openvino")
+    return ScoredEstimators(columns, records, runtime, "cpu" if on_cpu else chosen_device(options.device).type)
+
+
+def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, EstimatorName]]:
+    """Return the estimators that the flags name, each with its flag, by the name of its column.
+
+    An estimator that is named twice in the same way has one column.
+
+    Raises:
+        ValueError: A name is unknown or taken.
+    """
+    if "none" in options.baselines and len(options.baselines) > 1:
+        raise ValueError("--baselines none excludes other names: give none, or the names")
+    classical = CLASSICAL if "all" in options.baselines else options.baselines
+    texts = [
+        *(("--weights", f"{M3DEPTH}:{path}") for path in options.weights),
+        *([] if options.weights else [("--weights", M3DEPTH)]),
+        *(("--baselines", name) for name in classical if name != "none"),
+    ]
+    flags = {EstimatorName(text): flag_name for flag_name, text in reversed(texts)}
+    names = list(dict.fromkeys(EstimatorName(text) for _, text in texts))
+    for text in options.estimator:
+        name = EstimatorName.parse(text, "--estimator", labelled=True, fillable=True)
+        if name not in flags:
+            flags[name] = "--estimator"
+            names.append(name)
+    columns: dict[str, tuple[str, EstimatorName]] = {}
+    for label, name in zip(distinct_labels(names), names, strict=True):
+        if label in columns or label in RESERVED:
+            hint = "" if name.given_label else f"; write --estimator NAME={name.form}"
+            raise ValueError(f"{flags[name]} {name.form}: the name {label!r} is taken, choose another{hint}")
+        columns[label] = flags[name], name
+    return columns
+
+
+def loaded(name: EstimatorName, flag_name: str, options: EvaluateOptions) -> Estimator:
+    """Load an estimator, which fills unknown pixels, or leaves them unknown, where its name says so.
+
+    Args:
+        name: Its name.
+        flag_name: The flag that gave the name, for the message.
+        options: Hold the device and the runtime.
+    """
+    estimator = load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
+    if name.holes == "unfilled":
+        return UnfilledEstimator(estimator)
+    return FilledEstimator(estimator) if name.holes == "fill" else estimator
