@@ -68,11 +68,11 @@ from m3depth.prediction.batch import (
     read_and_prepare,
     record_of,
 )
-from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import files_in, single_folder, write_prediction
 from m3depth.prediction.left_right import AGREEMENT
 from m3depth.prediction.one_pair import Method, PairPrediction, predict_pair
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.pictures.figure import depth_range_shown
 from m3depth.prediction.shots import predicted_shots
 from m3depth.prediction.sources.inputs import Inputs, find_inputs
 from m3depth.prediction.sources.pair_input import PairInput

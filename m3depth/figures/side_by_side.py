@@ -20,8 +20,8 @@ from m3depth.estimator import Estimator
 from m3depth.evaluation.without_truth.pairs import ImagePair
 from m3depth.evaluation.without_truth.scoring import predictions_of
 from m3depth.figures.drawing import colour_map, label_bar, note, panel_aspect, save, show
-from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.masks import unknown_where, unmeasured, without_sky_normals
+from m3depth.prediction.pictures.figure import depth_range_shown
 from m3depth.stereo.pairs import in_colour, spread
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.wording import without_middle

@@ -18,11 +18,12 @@ import numpy as np
 from tqdm import tqdm
 
 from m3depth.estimator import Estimator, EstimatorName
-from m3depth.prediction.figure import depth_range_shown
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.overview import FUSED, RATE, write_fused_cloud, write_sheet, write_video
+from m3depth.prediction.pictures.figure import depth_range_shown
+from m3depth.prediction.pictures.overview import FUSED, RATE, write_fused_cloud, write_sheet, write_video
+from m3depth.prediction.pictures.step_figure import steps_record
 from m3depth.prediction.result_bag import write_bag
 from m3depth.prediction.sources.bag_pairs import BagPairs
 from m3depth.prediction.sources.calibration import make_calibration
@@ -30,7 +31,6 @@ from m3depth.prediction.sources.inputs import Inputs
 from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.poses import ASSUMED_KEY, MOUNT_ASSUMED
 from m3depth.prediction.sources.video_frames import EndOfVideo
-from m3depth.prediction.step_figure import steps_record
 from marssim.base.calibration.rectified import SHIFT_KEY
 from marssim.base.camera import StereoRig
 from marssim.base.command.progress import watched

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.prediction.figure import prediction_figure
 from m3depth.prediction.one_pair import PairPrediction
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.pictures.figure import prediction_figure
+from m3depth.prediction.pictures.step_figure import steps_figure
 from m3depth.prediction.sources.raw_pairs import FOLDER
-from m3depth.prediction.step_figure import steps_figure
 from m3depth.rectification.files import remove_pair
 from m3depth.stereo.pairs import in_colour
 from m3depth.stereo.prediction import Prediction

@@ -11,17 +11,10 @@ import numpy as np
 
 from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
 from m3depth.holes import takes_setting
-from m3depth.prediction.common_disparity import given_back, nearest_without, taken_out
+from m3depth.prediction.common_disparity import given_back, nearest_without
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
-from m3depth.prediction.masks import (
-    moved_mask,
-    read_valid,
-    seen_by_mask,
-    unknown_where,
-    unmeasured,
-    without_sky_normals,
-    without_upper_margin,
-)
+from m3depth.prediction.masks import read_valid, unknown_where, unmeasured, without_sky_normals
+from m3depth.prediction.matchable import MatchablePair
 from m3depth.prediction.options import PredictOptions
 from m3depth.prediction.pair_checks import check_pair, empty_or_same, rows_of
 from m3depth.prediction.settings import with_settings
@@ -29,8 +22,8 @@ from m3depth.rectification.checked import CheckedPair
 from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.prediction import Prediction, StepMap
-from m3depth.stereo.rows import RowFit, aligned_right
-from marssim.base.calibration.rectified import Calibration, align_right
+from m3depth.stereo.rows import RowFit
+from marssim.base.calibration.rectified import Calibration
 from marssim.base.camera import StereoRig
 
 
@@ -83,30 +76,17 @@ def method_record(options: PredictOptions, estimator: Estimator | None = None) -
 
 
 @dataclass(frozen=True)
-class PreparedPair:
-    """A pair as the method sees it.
+class PreparedPair(MatchablePair):
+    """A pair that was checked, as the method matches it.
 
     Attributes:
-        left, right: The images; the right one is moved by the shift, and its rows are aligned.
-        rig: The cameras.
-        common: Common disparity that stays out while the pair is matched [px].
-        moved: By how much the right image was moved to the left [px].
         removed: The misalignment of the rows that was taken out, or None.
-        left_valid, right_valid: (H, W) bool, where the images show the scene, or None; the rows of the right one are
-            aligned, and its columns are not moved.
         warnings: What speaks against the pair, without making its result meaningless.
         rectified: What is to be written of a pair that was raw.
     """
 
-    left: np.ndarray
-    right: np.ndarray
-    rig: StereoRig
-    common: float
-    moved: float
-    removed: RowFit | None
-    left_valid: np.ndarray | None
-    right_valid: np.ndarray | None
-    warnings: Sequence[str]
+    removed: RowFit | None = None
+    warnings: Sequence[str] = ()
     rectified: CheckedPair | None = None
 
 
@@ -169,28 +149,20 @@ def prepare(
         FileNotFoundError: A mask is missing.
         ValueError: The result would be meaningless, or a mask does not fit.
     """
-    height, width = left.shape[:2]
-    rig = calibration.rig(width, height)
     paths = (None, None) if files is None else files
     masks = [*options.mask, None, None][:2]
-    masked = [read_valid(path, mask, (height, width)) for path, mask in zip(paths, masks)]
-    left_valid, right_valid = map(_both, masked, valid)
-    common = taken_out(calibration.shift, left, right, (left_valid, right_valid))
-    moved = calibration.shift - common
-    right = align_right(right, moved)
-    rows = rows_of(left, right, rig)
+    left_mask, right_mask = (read_valid(path, mask, left.shape[:2]) for path, mask in zip(paths, masks))
+    pair = PreparedPair.from_images(left, right, calibration, (_both(left_mask, valid[0]), _both(right_mask, valid[1])))
+    rows = rows_of(pair.left, pair.right, pair.rig)
     warnings = [] if rectified is None else list(rectified.warnings)
-    if thorough or rows is None or rows.significant or empty_or_same(left, right) is not None:
-        for fatal, message in check_pair(left, right, rig, rows, options.align_rows, labels):
+    if thorough or rows is None or rows.significant or empty_or_same(pair.left, pair.right) is not None:
+        for fatal, message in check_pair(pair.left, pair.right, pair.rig, rows, options.align_rows, labels):
             if fatal and not options.unchecked:
                 raise ValueError(f"{message}; nothing was written (--unchecked writes the result nevertheless)")
             warnings.append(message)
-    removed = rows if options.align_rows and rows is not None and rows.significant else None
-    if removed is not None:
-        right = aligned_right(right, rig, removed)
-        if right_valid is not None:
-            right_valid = aligned_right(right_valid.astype(np.uint8) * 255, rig, removed) > 127
-    return PreparedPair(left, right, rig, common, moved, removed, left_valid, right_valid, warnings, rectified)
+    if options.align_rows and rows is not None and rows.significant:
+        pair = replace(pair.with_aligned_rows(rows), removed=rows)
+    return replace(pair, warnings=warnings, rectified=rectified)
 
 
 def _both(first: np.ndarray | None, second: np.ndarray | None) -> np.ndarray | None:
@@ -213,14 +185,10 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
     nearest = options.nearest
     if pair.common and (nearest is not None or takes_setting(method.estimator, "nearest")):
         nearest = nearest_without(nearest or NEAREST, pair.rig, pair.common)
-    shown = _without_upper_margins(pair)
+    shown = pair.without_upper_margins()
     infer = with_settings(method.estimator, options.estimator, nearest=nearest, max_pixels=options.max_pixels)
     prediction = infer(shown.left, shown.right, pair.rig)
-    unknown = unmeasured(prediction)
-    if pair.left_valid is not None:
-        unknown |= ~pair.left_valid
-    if pair.right_valid is not None:
-        unknown |= ~seen_by_mask(prediction, pair.right_valid, pair.moved)
+    unknown = unmeasured(prediction) | ~pair.matched_within(prediction)
     comparable = ~unknown
     unknown |= unmeasured(prediction, options.min_confidence)
     difference, compared, agreeing = None, 0, 0
@@ -237,13 +205,6 @@ def predict_pair(pair: PreparedPair, method: Method, options: PredictOptions) ->
         pair.left, prediction, pair.rig, difference, pair.removed, compared, agreeing, steps, pair.common,
         pair.rectified, pair.common + pair.moved,
     )  # fmt: skip
-
-
-def _without_upper_margins(pair: PreparedPair) -> PreparedPair:
-    """Return the pair with images in which no upper margin parts the sky from the border."""
-    right_valid = None if pair.right_valid is None else moved_mask(pair.right_valid, pair.moved)
-    left = without_upper_margin(pair.left, pair.left_valid)
-    return replace(pair, left=left, right=without_upper_margin(pair.right, right_valid))
 
 
 def refinement_steps(

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners, warn_of_lone_rights
@@ -17,22 +15,13 @@ from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.estimator import Estimator, inferred
 from m3depth.holes import takes_setting
-from m3depth.prediction.common_disparity import nearest_without, taken_out
-from m3depth.prediction.masks import (
-    is_valid_mask,
-    moved_mask,
-    read_valid,
-    seen_by_mask,
-    valid_mask,
-    without_upper_margin,
-)
+from m3depth.prediction.common_disparity import nearest_without
+from m3depth.prediction.masks import is_valid_mask, read_valid, valid_mask
+from m3depth.prediction.matchable import MatchablePair
 from m3depth.prediction.settings import Infer
 from m3depth.rectification.files import RIG_FILE, rig_beside
 from m3depth.stereo.pairs import NEAREST
-from m3depth.stereo.prediction import Prediction
-from m3depth.stereo.rows import align_rows, aligned_right
-from marssim.base.calibration.rectified import align_right
-from marssim.base.camera import StereoRig
+from m3depth.stereo.rows import row_misalignment
 from marssim.base.files.json_file import DatasetError
 
 
@@ -44,42 +33,13 @@ def are_without_truth(root: Path, config: DataConfig) -> bool:
     return named and config.format in ("auto", "folder") and config.disparity is None and config.depth is None
 
 
-@dataclass(frozen=True)
-class PairImages:
-    """A pair as the methods see it.
+class PairImages(MatchablePair):
+    """A pair as m3depth.predict matches it, whose rows are aligned on demand."""
 
-    Attributes:
-        left, right: (H, W) or (H, W, 3) uint8, rectified.
-        rig: The cameras of these images.
-        common: Common disparity that stays out while the pair is matched [px].
-        left_valid, right_valid: (H, W) bool, where these images show the scene; None is everywhere.
-        moved: By how much the right image was moved to the left [px].
-    """
-
-    left: np.ndarray
-    right: np.ndarray
-    rig: StereoRig
-    common: float = 0.0
-    left_valid: np.ndarray | None = None
-    right_valid: np.ndarray | None = None
-    moved: float = 0.0
-
-    def with_aligned_rows(self) -> PairImages:
+    def aligned(self) -> PairImages:
         """Return the pair with a right image whose rows do not lie significantly apart from those of the left one."""
-        right, fit = align_rows(self.left, self.right, self.rig)
-        valid = self.right_valid
-        if fit is not None and valid is not None:
-            valid = aligned_right(valid.astype(np.uint8) * 255, self.rig, fit) > 127
-        return replace(self, right=right, right_valid=valid)
-
-    @property
-    def shown(self) -> np.ndarray:
-        """The pixels that the left image shows, (H, W) bool."""
-        return np.ones(self.left.shape[:2], bool) if self.left_valid is None else self.left_valid
-
-    def matched_within(self, prediction: Prediction) -> np.ndarray:
-        """Return the pixels that the left image shows, and the right one at their match, (H, W) bool."""
-        return self.shown if self.right_valid is None else self.shown & seen_by_mask(prediction, self.right_valid)
+        fit = row_misalignment(self.left, self.right, self.rig)
+        return self.with_aligned_rows(fit) if fit is not None and fit.significant else self
 
     def infer(self, method: Estimator) -> Infer:
         """Return what predicts this pair, or its mirrored one, by a method.
@@ -104,10 +64,6 @@ class ImagePair:
     def read(self) -> PairImages:
         """Return the images, the rig, and the masks NAME_valid.png that lie beside the images.
 
-        A small difference of the eyes' principal points is taken out of the right image; a large one, as of cameras
-        that are turned towards each other, stays out, and a black upper margin repeats the scene below it, both as in
-        m3depth.predict.
-
         Raises:
             DatasetError: A file cannot be used; the message names it.
         """
@@ -117,15 +73,7 @@ class ImagePair:
             left_valid, right_valid = (read_valid(file, None, (height, width)) for file in (self.left, self.right))
         except ValueError as error:
             raise DatasetError(str(error)) from None
-        calibration = self.calibration(width, height)
-        common = taken_out(calibration.shift, left, right, (left_valid, right_valid))
-        moved = calibration.shift - common
-        right = align_right(right, moved)
-        right_valid = None if right_valid is None else moved_mask(right_valid, moved)
-        return PairImages(
-            without_upper_margin(left, left_valid), without_upper_margin(right, right_valid),
-            calibration.rig(width, height), common, left_valid, right_valid, moved,
-        )  # fmt: skip
+        return PairImages.from_images(left, right, self.calibration(width, height), (left_valid, right_valid))
 
     @property
     def files(self) -> list[Path]:

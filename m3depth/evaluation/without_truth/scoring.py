@@ -48,8 +48,9 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
     """
     aligning = 0.0
     if align:
-        pair, cost = measured(pair.with_aligned_rows)
+        pair, cost = measured(pair.aligned)
         aligning = cost.seconds
+    pair = pair.without_upper_margins()
     left, right, rig = pair.left, pair.right, pair.rig
     matched = SGBM().match(left, right, rig)
     residual_of_sgbm = residuals(left, right, matched)
@@ -75,8 +76,7 @@ def predictions_of(methods: Mapping[str, Estimator], pair: PairImages, align: bo
     """Return what every method predicts of a pair, with a common disparity given back. Arguments and errors are those
     of score_pair.
     """
-    if align:
-        pair = pair.with_aligned_rows()
+    pair = (pair.aligned() if align else pair).without_upper_margins()
     return {
         name: given_back(pair.infer(method)(pair.left, pair.right, pair.rig), pair.rig, pair.common)
         for name, method in methods.items()

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from m3depth.prediction.figure import LINE, depth_range_shown, prediction_figure, prediction_picture
+from m3depth.prediction.pictures.figure import LINE, depth_range_shown, prediction_figure, prediction_picture
 from m3depth.stereo.prediction import Prediction
 from marssim.base.images.colours import BEYOND
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from m3depth.prediction.figure import LINE
-from m3depth.prediction.step_figure import COLUMNS, change_colours, steps_picture, steps_record
+from m3depth.prediction.pictures.figure import LINE
+from m3depth.prediction.pictures.step_figure import COLUMNS, change_colours, steps_picture, steps_record
 from m3depth.stereo.prediction import StepMap
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from m3depth.prediction.figure import GAP, LINE, PAPER, draw_scale, sized, titled
+from m3depth.prediction.pictures.figure import GAP, LINE, PAPER, draw_scale, sized, titled
 from m3depth.stereo.prediction import StepMap
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
