@@ -30,7 +30,7 @@ from envs.mars_nav import MarsNavEnv
 from envs.world.referee import GOAL_RADIUS
 from envs.world.vehicle import known_dynamics
 from m3depth.estimator import Estimator, load_estimator
-from m3depth.evaluate import Evaluation, evaluate
+from m3depth.evaluate import evaluate
 from m3depth.evaluation.report import text_table
 from m3depth.figures.comparison import comparison_figure
 from marssim.base.command.limits import check_least
@@ -136,7 +136,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     write_atomically(config.out / "drive.png", encode_png(still[..., ::-1]))
     summary = config.out / "summary.md"
     seconds = perf_counter() - started
-    page = _summary(config, generate_config.renderer, dataset, result, table, record, seconds)
+    page = _summary(config, generate_config.renderer, dataset, table, record, seconds)
     write_atomically(summary, page.encode())
     return summary
 
@@ -145,7 +145,6 @@ def _summary(
     config: DemoConfig,
     renderer: str,
     dataset: StereoDataset,
-    result: Evaluation,
     table: str,
     record: EpisodeRecord,
     seconds: float,

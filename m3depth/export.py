@@ -28,6 +28,7 @@ import inspect
 import sys
 import warnings
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -91,7 +92,7 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
 
         def __init__(self) -> None:
             super().__init__()
-            self.network = model
+            self.network = deepcopy(model).cpu()  # as the example is
 
         def forward(self, left: torch.Tensor, right: torch.Tensor, camera: torch.Tensor) -> tuple[torch.Tensor, ...]:
             out = self.network(left, right, camera)
@@ -105,7 +106,6 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     # older PyTorch has no such parameter.
     exporter: Any = torch.onnx.export
     tracing = {"dynamo": False} if "dynamo" in inspect.signature(exporter).parameters else {}
-    was_training = model.training
     buffer = io.BytesIO()
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # about constants while tracing, and about the older exporter
@@ -113,7 +113,6 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
             TensorOutputs().eval(), example, buffer, input_names=list(INPUTS), output_names=list(OUTPUTS),
             dynamic_axes={**free, "camera": {0: "batch"}}, opset_version=opset, **tracing,
         )  # fmt: skip
-    model.train(was_training)
     exported = onnx.load_model_from_string(buffer.getvalue())
     for value in exported.graph.output:  # tracing names unknown sizes after operators
         for place, side in ((1, 3 if value.name == "normal" else 1), (2, "height"), (3, "width")):

@@ -27,6 +27,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import traceback
 from collections.abc import Sequence
 
 from m3depth.datasets.config import Split
@@ -42,9 +43,18 @@ USAGE = (__doc__ or "").partition("\nThe files, ")[0]  # the description that --
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code: 2 for a mistake in the flags, or a disk that fails."""
     args = sys.argv[1:] if args is None else args
-    code = run_command(_work, TrainConfig, "python -m m3depth.train", USAGE, args, default=recipe_defaults(args))
-    if code and "LOCAL_RANK" in os.environ:
-        # A process of torchrun that waits for the others in a collective must not outlive a failed one.
+    in_group = "LOCAL_RANK" in os.environ  # one of torchrun's processes
+    try:
+        code = run_command(_work, TrainConfig, "python -m m3depth.train", USAGE, args, default=recipe_defaults(args))
+    except Exception:
+        if not in_group:
+            raise
+        traceback.print_exc()
+        code = 1
+    if code and in_group:
+        # The others wait for this process in a collective, and torchrun ends them once it has ended; at its exit, it
+        # would wait for them.
+        sys.stderr.flush()
         os._exit(code)
     return code
 

@@ -224,7 +224,7 @@ def verify(config: VerifyConfig) -> bool:
             print(f"{counted(config.views, 'view')} of {config.scene}, seed {config.seed}, against Embree's rays")
             print("\n".join([table_of_renderers(checks), *notes]))
             report = {name: check.report() for name, check in checks.items()}
-            content = {"scene": config.scene, "seed": config.seed, "makers": report, "notes": notes}
+            content = {"scene": config.scene, "seed": config.seed, "renderers": report, "notes": notes}
             write_json(config.results() / "cross_check.json", content)
         all_well &= all(check.good for check in checks.values())
     if config.view and config.data is not None:

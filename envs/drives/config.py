@@ -183,7 +183,7 @@ class EvaluateConfig:
             raise ValueError("--slip-measured needs --slip, as no wheel slips without it")
         if self.suite is None:
             self._check_conditions()
-        shard_of(self.shard)  # likewise for anything but I/N
+        shard_of(self.shard)  # raises ValueError for anything but I/N
         for name in LOOK_FLAGS:
             low, high = LOOK_LIMITS[name]
             value = getattr(self, name)

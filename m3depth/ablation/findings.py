@@ -100,7 +100,7 @@ def findings(study: Study, scores: Mapping[str, RunScores]) -> dict[str, Any]:
         "all_scenes": max((len({record["scene"] for record in records}) for records in _records(runs)), default=0),
         "rows": rows,
         "comparisons": comparisons,
-        "order": [_order(study, rows, n) for n in study.measures if sum(n in row.paper for row in study.rows) > 1],
+        "order": [_order(rows, n) for n in study.measures if sum(n in row.paper for row in study.rows) > 1],
     }
 
 
@@ -247,7 +247,7 @@ def _change_text(change: float) -> str:
     return f"{'falls' if change < 0 else 'rises'} by {abs(100 * change):.1f} %"
 
 
-def _order(study: Study, rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
+def _order(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
     """Return the rows from the best to the worst, and how many pairs of them are in another order than the paper's."""
     both = [row for row in rows if row["paper"].get(name) is not None and row["here"][name] is not None]
     paper = [row["label"] for row in sorted(both, key=lambda row: row["paper"][name])]

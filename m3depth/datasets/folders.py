@@ -13,6 +13,8 @@ from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, is_above_z
 from marssim.base.files.json_file import DatasetError
 
 WORDS = re.compile(r'"([^"]+)"(?!\S)|(\S+)')  # of a line of a list
+FEWEST_SCENES = 10  # of which each split gets one or more
+CAMERAS = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders that are named after a camera
 
 
 def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[PairFiles]:
@@ -127,10 +129,6 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     if not files:
         raise DatasetError(f"{root}: no file matches {pattern}")
     return files
-
-
-FEWEST_SCENES = 10  # of which each split gets one or more
-CAMERAS = ("left", "right", "image_0", "image_2", "image_02", "im0")  # folders that are named after a camera
 
 
 def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConfig) -> Iterator[PairFiles]:

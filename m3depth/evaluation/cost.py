@@ -24,7 +24,7 @@ class Cost:
         seconds: Wall-clock time [s].
         peak_mib: Most memory that the whole process held during the call [MiB]; None where the system does not report
             it (Linux does).
-        gpu_mib: Most memory that PyTorch held on the GPU [MiB]; None without a GPU.
+        gpu_mib: Most memory that PyTorch held on the GPU [MiB]; None where nothing has run on one.
     """
 
     seconds: float
@@ -71,6 +71,6 @@ def _memory(field: str) -> float | None:
 
 
 def _cuda() -> Any:
-    """Return torch.cuda where torch is loaded (it is not imported for this) and there is a GPU."""
+    """Return torch.cuda where something has run on a GPU. Asking more would take memory of a GPU that nothing uses."""
     torch = sys.modules.get("torch")
-    return torch.cuda if torch is not None and torch.cuda.is_available() else None
+    return torch.cuda if torch is not None and torch.cuda.is_initialized() else None

@@ -20,7 +20,7 @@ from marssim.base.files.json_file import as_json
 UNFINISHED = "unfinished.npz"  # name of the file in the folder of results
 SECONDS = 30.0  # between two saves: a killed evaluation loses at most this and the pair that is being scored
 PLAIN = "plain"  # the entry that holds everything but the arrays, as JSON
-DEPENDENCIES = "asked"  # key of the dependencies in that JSON
+DEPENDENCIES = "dependencies"  # key of the dependencies in that JSON
 DIGEST = hashlib.sha256().digest_size  # bytes at the end of the file, of all before them
 ARRAY = "\0array"  # key of an object in that JSON that stands for an array
 

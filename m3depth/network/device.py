@@ -27,7 +27,8 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
         number: Which GPU, from 0.
 
     Raises:
-        ValueError: Another name, cuda without a GPU, or a number that is too large.
+        ValueError: Another name, cuda without a GPU, a number that is too large, or a process that was forked after
+            PyTorch had used a GPU, which then cannot use it.
     """
     check_device(wanted)
     import torch
@@ -39,6 +40,11 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
         gpus = counted(torch.cuda.device_count(), "GPU")
         raise ValueError(
             f"--device {wanted}: {gpus} here, none for process {number + 1}; lower --nproc-per-node to that number"
+        )
+    if has_gpu and wanted != "cpu" and torch.cuda._is_in_bad_fork():
+        raise ValueError(
+            "this process was forked from one that uses a GPU, and cannot use it: start it by spawn, as by "
+            "gymnasium.make_vec(..., vector_kwargs={'context': 'spawn'}), or hide GPUs with CUDA_VISIBLE_DEVICES="
         )
     return torch.device("cuda", number) if has_gpu and wanted != "cpu" else torch.device("cpu")
 

@@ -28,7 +28,9 @@ from m3depth.training.loss_config import LossConfig
 
 FARTHEST_SCORED = 15.0  # [m] depth that counts as 1 in the paper's loss, and beyond which it has none
 PAPER_KNEE = 1.0  # of the paper's Huber norms, which it does not give
+DISPARITY_KNEE = 0.5  # [px]
 NORMAL_KNEE = 0.1  # 6 degrees
+LEAST_COSINE = 0.05  # -(n . r) / |r| of level ground at 24 m from a height of 1.2 m; under it, it is grazing
 SLOPE_KNEE = 0.05  # [px / px] a fifth of the slope of level ground: a step that no normals explain costs linearly
 # Mean weight of a batch's pixels from which on it counts in full. Without it, a few pixels, or the rover's own panels,
 # had losses ten times those of other crops, and decided the direction of most steps.
@@ -68,8 +70,7 @@ def consistency_residual(disparity: Tensor, normal: Tensor, camera: Tensor) -> t
     Returns:
         (B, 2, H, W) residuals [px / px].
         (B, 1, H, W) bool, False where the normal faces away from the camera, or says that the surface is seen at a
-        grazing angle (-(n . r) / |r| under 0.05: level ground at 24 m from a height of 1.2 m), and where the Sobel
-        window leaves the image.
+        grazing angle (-(n . r) / |r| under LEAST_COSINE), and where the Sobel window leaves the image.
     """
     growth, usable = _growth(normal, camera)
     return -disparity * growth - sobel(disparity), usable
@@ -95,7 +96,7 @@ def _growth(normal: Tensor, camera: Tensor, both_sides: bool = False) -> tuple[T
     """
     rays = pixel_rays(camera, normal.shape[-2], normal.shape[-1])
     facing = -(normal * rays).sum(1, keepdim=True)  # -(n . r), positive towards the camera
-    not_grazing = (facing.abs() if both_sides else facing) > 0.05 * rays.square().sum(1, keepdim=True).sqrt()
+    not_grazing = (facing.abs() if both_sides else facing) > LEAST_COSINE * rays.square().sum(1, keepdim=True).sqrt()
     inside = torch.zeros_like(not_grazing)
     inside[..., 1:-1, 1:-1] = True
     return normal[:, :2] / camera[:, :2, None, None] / torch.where(not_grazing, facing, 1.0), not_grazing & inside
@@ -127,9 +128,9 @@ def disparity_loss(disparity: Tensor, target: Target, weight: Tensor, config: Lo
         return depth_loss(disparity, target, weight)
     error = disparity - target.disparity
     scale = 1 + config.relative / target.disparity.clamp(min=1.0)
-    loss = weighted_mean(huber(error, 0.5) * scale, weight * target.label, LEAST_WEIGHT)
+    loss = weighted_mean(huber(error, DISPARITY_KNEE) * scale, weight * target.label, LEAST_WEIGHT)
     if config.sky_disparity:
-        loss = loss + config.sky_disparity * weighted_mean(huber(error, 0.5), target.sky.to(error))
+        loss = loss + config.sky_disparity * weighted_mean(huber(error, DISPARITY_KNEE), target.sky.to(error))
     return loss
 
 

@@ -21,7 +21,8 @@ LONGEST_WAIT = datetime.timedelta(days=1)  # for rank 0 while it validates; torc
 def joined_group(device_name: str) -> Iterator[tuple[int, int, torch.device]]:
     """Join the processes of torchrun, for as long as the block runs.
 
-    A block that ends normally waits for the other processes; one that raises does not.
+    A block that ends normally waits for the other processes; one that raises does not. On GPUs, its process should then
+    end at once, as m3depth.train does: NCCL leaves a group only when all have, and the others wait for this process.
 
     Args:
         device_name: As chosen_device takes it.
@@ -38,12 +39,18 @@ def joined_group(device_name: str) -> Iterator[tuple[int, int, torch.device]]:
     # Each process prints it twice, about 1 x 1 kernels, whose strides have no meaning.
     warnings.filterwarnings("ignore", message="Grad strides do not match bucket view strides")
     if not dist.is_initialized():
-        dist.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=LONGEST_WAIT)
+        if device.type == "cuda":
+            dist.init_process_group("nccl", timeout=LONGEST_WAIT, device_id=device)
+        else:
+            dist.init_process_group("gloo", timeout=LONGEST_WAIT)
     try:
         yield dist.get_rank(), dist.get_world_size(), device
         dist.barrier()
-    finally:
-        dist.destroy_process_group()
+    except BaseException:
+        if device.type != "cuda":
+            dist.destroy_process_group()
+        raise
+    dist.destroy_process_group()
 
 
 @contextmanager

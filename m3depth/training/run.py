@@ -24,11 +24,13 @@ from m3depth.rivals.normal_network import with_depth_weights
 from m3depth.training.config import PAPER_LOSS, TrainConfig
 from m3depth.training.loss_config import LossConfig
 from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, named_by, weights_file
+from marssim.base.command.run import is_out_of_memory
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json
 from marssim.base.results.claim import as_typed, differences
 
 WARM_UP = 0.04  # share of the run in which the learning rate rises
+FIRST_RATE, LAST_RATE = 0.05, 0.01  # of the highest learning rate
 CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
 MOST_STEPS = 10**15  # a larger number of steps is none
 WORLD = "number of processes"  # its name in a run's identity
@@ -124,9 +126,9 @@ def _naming(path: Path) -> Iterator[None]:
     """Turn whatever a damaged checkpoint raises into a ValueError of one line that names it."""
     try:
         yield
-    except torch.cuda.OutOfMemoryError:
-        raise
     except Exception as error:  # torch's unpickler and load_state_dict raise errors of many types
+        if isinstance(error, MemoryError) or type(error).__name__ == "AcceleratorError" or is_out_of_memory(error):
+            raise  # the file may be whole
         raise ValueError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to start over, or choose another "
             f"--out and start with --init {path.parent / 'weights.safetensors'}"
@@ -287,6 +289,6 @@ def learning_rate(peak: float, progress: float, schedule: str = "cycle") -> floa
     if schedule == "constant":
         return peak
     if progress < WARM_UP:
-        return peak * (0.05 + 0.95 * progress / WARM_UP)
+        return peak * (FIRST_RATE + (1 - FIRST_RATE) * progress / WARM_UP)
     fall = min(1.0, (progress - WARM_UP) / (1 - WARM_UP))
-    return peak * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * fall)))
+    return peak * (LAST_RATE + (1 - LAST_RATE) * 0.5 * (1 + math.cos(math.pi * fall)))

@@ -243,8 +243,8 @@ def test_the_cross_check_prints_and_writes_what_it_finds(tmp_path, capfd, monkey
         assert words[2:-1] == shown and words[-1] == ("DISAGREES" if code else "agrees")
         assert embree.split()[-1] == "agrees"
         noted = json.loads((tmp_path / "cross_check.json").read_text())
-        assert noted["makers"]["scan"]["good"] == (code == 0) and noted["makers"]["scan"]["surface"] == surface
-        assert noted["makers"]["embree"] == {"planes_px": [0.0, 0.0], "good": True} and noted["scene"] == "utopia"
+        assert noted["renderers"]["scan"]["good"] == (code == 0) and noted["renderers"]["scan"]["surface"] == surface
+        assert noted["renderers"]["embree"] == {"planes_px": [0.0, 0.0], "good": True} and noted["scene"] == "utopia"
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -31,6 +31,8 @@ from marssim.base.command.streams import SafeStream, safe_streams
 from marssim.base.command.wording import GOES_ON, KILLED
 
 MISTAKES = (ValueError, OSError, ImportError, MemoryError, BrokenExecutor)
+# in errors of PyTorch, of cuBLAS, of cuDNN and of Apple's GPUs; a driver's error says "CUDA error: out of memory"
+_NO_MEMORY = r"can't allocate memory|out of memory|_ALLOC_FAILED"
 _FIELD = re.compile(r"`([a-z][a-z0-9_]*(?:\.[a-z][a-z0-9_]*)*)`")
 
 
@@ -123,6 +125,8 @@ def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) ->
     except FloatingPointError as error:
         return _fail(describe(error), 1)
     except RuntimeError as error:
+        if (advice := _advice_for_gpu(error)) is not None:
+            return _fail(advice, 2)
         if not is_out_of_memory(error):
             raise
         return _fail(f"out of memory ({str(error).strip().splitlines()[0]})", 2)
@@ -170,12 +174,24 @@ def _is_interruption(error: BaseException) -> bool:
     return cause is not None
 
 
-def is_out_of_memory(error: RuntimeError) -> bool:
+def is_out_of_memory(error: BaseException) -> bool:
     """Return whether PyTorch raised the error for lack of memory of a GPU or of the processor.
 
     PyTorch raises no MemoryError. Its classes are known by name, since it is not imported here.
     """
-    return type(error).__name__ == "OutOfMemoryError" or "can't allocate memory" in str(error)
+    return isinstance(error, RuntimeError) and (
+        type(error).__name__ == "OutOfMemoryError" or re.search(_NO_MEMORY, str(error)) is not None
+    )
+
+
+def _advice_for_gpu(error: RuntimeError) -> str | None:
+    """Return what to do about an error of a GPU that says nothing to its user; None for other errors."""
+    if "no kernel image is available" in str(error):
+        return (
+            "the installed PyTorch has nothing compiled for this GPU: use the CPU, with --device cpu where the command "
+            "has it, or else with CUDA_VISIBLE_DEVICES= before the command"
+        )
+    return None
 
 
 def describe(error: BaseException) -> str:

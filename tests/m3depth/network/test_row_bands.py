@@ -22,6 +22,15 @@ def test_bands_give_what_all_rows_at_once_give(monkeypatch, cached: int) -> None
     assert sum(calls) == 11 and (len(calls) > 1) == (cached < 1000)
 
 
+def test_a_gpu_computes_large_maps_whole() -> None:
+    """Each small band would cost it the start of an operation."""
+    x = torch.empty(1, 64, 512, 768, device="meta")
+    calls: list[int] = []
+    with torch.inference_mode():
+        by_rows(lambda rows: calls.append(rows.shape[-2]) or 2 * rows, x)
+    assert calls == [512]
+
+
 def test_what_is_trained_is_computed_at_once(monkeypatch) -> None:
     monkeypatch.setattr(row_bands, "CACHED", 1)
     x = torch.randn(1, 1, 8, 8, requires_grad=True)

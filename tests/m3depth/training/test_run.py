@@ -12,6 +12,7 @@ from m3depth.training.config import TrainConfig
 from m3depth.training.run import Run, saved_progress
 
 CPU = torch.device("cpu")
+ACCELERATOR_ERROR = type("AcceleratorError", (RuntimeError,), {})("CUDA error: the device is busy")
 
 
 @pytest.fixture
@@ -66,6 +67,18 @@ def test_a_checkpoint_with_other_content_is_named(run, change):
     with pytest.raises(ValueError, match=r"checkpoint\.pt: not a readable checkpoint \(\w+\); delete it to") as error:
         Run(run.config, CPU).resume()
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), torch.OutOfMemoryError("CUDA out of memory."), ACCELERATOR_ERROR])
+def test_a_checkpoint_that_finds_no_memory_is_not_called_damaged(run, error, monkeypatch):
+    """Its user would delete it."""
+
+    def full(*_, **__):
+        raise error
+
+    monkeypatch.setattr(torch, "load", full)
+    with pytest.raises(type(error)):
+        Run(run.config, CPU).resume()
 
 
 def test_the_settings_of_the_optimizer_are_those_of_the_command(run):

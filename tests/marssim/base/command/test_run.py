@@ -245,6 +245,16 @@ def test_help_goes_to_stdout(capsys):
             RuntimeError("[enforce] can't allocate memory: 9 bytes"),
             "out of memory ([enforce] can't allocate memory: 9 bytes)",
         ),
+        (RuntimeError("CUDA error: out of memory\nSearch"), "out of memory (CUDA error: out of memory)"),
+        (
+            RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED when calling `x`"),
+            "out of memory (CUDA error: CUBLAS_STATUS_ALLOC_FAILED when calling `x`)",
+        ),
+        (
+            RuntimeError("CUDA error: no kernel image is available for execution on the device\nSearch"),
+            "the installed PyTorch has nothing compiled for this GPU: use the CPU, with --device cpu where the command "
+            "has it, or else with CUDA_VISIBLE_DEVICES= before the command",
+        ),
         (KeyError, KeyError),
         (RuntimeError("a bug"), RuntimeError),
     ],
