@@ -4,7 +4,8 @@ VENV ?= .venv
 # Others may point pip at PyTorch's own CPU wheels: make demo TORCH_INDEX=https://download.pytorch.org/whl/cpu
 TORCH_INDEX ?=
 BIN := $(VENV)/bin
-PIP_TORCH := $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX),)
+# without its dependencies, of which that index may lack the pinned versions: the next line installs them
+PIP_TORCH := $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX),)
 TEST_WORKERS ?= 2
 
 .PHONY: install test quick hostile planted lint types demo bench wheel docs clean

@@ -1,6 +1,6 @@
 """Train a driver by reinforcement learning: PPO of stable-baselines3 on the kinematic environment with true depth.
 
-    pip install 'mars-m3depth[rl]'
+    pip install "mars-m3depth[rl]"
     python -m envs.train_ppo --out runs/ppo --max-minutes 20 --workers 2
     python -m envs.evaluate --driver runs/ppo/policy.zip straight --perception ground_truth --dynamics kinematic \\
         --goal-distance 10 --out out/ppo
@@ -138,7 +138,7 @@ def train(config: PPOConfig, rollout: int = 128) -> Path:
         FolderInUse: If another command writes to the folder.
     """
     if find_spec("stable_baselines3") is None:
-        raise ImportError("envs.train_ppo needs stable-baselines3: pip install 'mars-m3depth[rl]'")
+        raise ImportError('envs.train_ppo needs stable-baselines3: pip install "mars-m3depth[rl]"')
     folder, path = _folder(config), config.out / POLICY
     folder.check_place(config.out)
     if path.is_file() and not read_policy(path).corridors:  # raises ValueError for a file of another kind

@@ -194,7 +194,7 @@ def textured_pair(batch: int, height: int, width: int) -> tuple[np.ndarray, np.n
 def require(package: str) -> None:
     """Raise ImportError, which says how to install it, if a package is missing."""
     if find_spec(package) is None:
-        raise ImportError(f"{package} is not installed; pip install 'mars-m3depth[export]'")
+        raise ImportError(f'{package} is not installed; pip install "mars-m3depth[export]"')
 
 
 def export(options: ExportOptions) -> dict[str, Any]:

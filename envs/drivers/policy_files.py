@@ -51,7 +51,7 @@ class PolicyDriver:
 
             from envs.drivers.way_policy import WayPolicy
         except ImportError:
-            raise ImportError(f"{self.path}: needs stable-baselines3: pip install 'mars-m3depth[rl]'") from None
+            raise ImportError(f'{self.path}: needs stable-baselines3: pip install "mars-m3depth[rl]"') from None
         policy: Any
         if self.corridors:
             policy = WayPolicy(corridor_space(), spaces.Discrete(WAYS), lambda _: 0.0)

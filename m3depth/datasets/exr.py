@@ -22,7 +22,7 @@ def exr_layers(path: Path) -> dict[str, Layer]:
         ValueError: The file cannot be read.
     """
     if find_spec("OpenEXR") is None:
-        raise ImportError(f"{path}: OpenEXR is not installed; pip install 'mars-m3depth[exr]'")
+        raise ImportError(f'{path}: OpenEXR is not installed; pip install "mars-m3depth[exr]"')
     import OpenEXR
 
     try:

@@ -11,7 +11,7 @@ import numpy as np
 
 from marssim.base.calibration.product_label import ProductLabel
 
-EXTRA = "pip install 'mars-m3depth[real]'"
+EXTRA = 'pip install "mars-m3depth[real]"'
 
 
 def read_product(path: Path, label: ProductLabel) -> tuple[np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ def chosen_runtime(wanted: str = "auto", device: str = "auto") -> RuntimeName:
         if device == "cuda":
             raise ValueError("`runtime` openvino runs on the CPU, not on cuda: choose the device cpu, or pytorch")
         if not openvino_is_installed():
-            raise ImportError("`runtime` openvino: it is not installed; pip install 'mars-m3depth[fast]'")
+            raise ImportError('`runtime` openvino: it is not installed; pip install "mars-m3depth[fast]"')
         return "openvino"
     if wanted == "pytorch" or not openvino_is_installed():
         return "pytorch"

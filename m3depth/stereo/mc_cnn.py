@@ -46,7 +46,7 @@ class McCnn(Matcher):
     def __post_init__(self) -> None:
         check_search(self.disparities, 2 * MARGIN + 1)
         if mccnn_weights() is None:
-            raise ImportError("mccnn is not installed; pip install 'mars-m3depth[rivals]'")
+            raise ImportError('mccnn is not installed; pip install "mars-m3depth[rivals]"')
 
     def match(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> np.ndarray:
         """Return the disparity of matches, as Matcher.match does."""

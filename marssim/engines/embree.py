@@ -99,7 +99,13 @@ class TriangleRays:
 @cache
 def _embree() -> tuple[ctypes.CDLL, int]:
     """Load Embree's library and return it with a device that works in the calling thread."""
-    from embreex import rtcore_scene
+    try:
+        from embreex import rtcore_scene
+    except ImportError as error:
+        raise ImportError(
+            f"embreex cannot be imported ({error}): the renderer embree and the rover need its rays; "
+            "the renderer scan does without"
+        ) from None
 
     bundled = [str(file.locate()) for file in metadata.files("embreex") or () if "embree4" in file.name]
     # a package without a bundled library has a module that is linked to one: its functions are found through the module

@@ -147,4 +147,4 @@ def test_mistakes_exit_with_2_and_one_line(arguments, message, tmp_path, monkeyp
 def test_a_missing_package_names_the_extra(monkeypatch, capsys) -> None:
     monkeypatch.setattr(module, "find_spec", lambda name: None)
     assert main(["--out", "net.onnx"]) == 2
-    assert capsys.readouterr().err == "error: onnx is not installed; pip install 'mars-m3depth[export]'\n"
+    assert capsys.readouterr().err == 'error: onnx is not installed; pip install "mars-m3depth[export]"\n'

@@ -226,7 +226,7 @@ def test_products_of_different_times(tmp_path, capsys, key, value, says):
 def test_products_without_the_extra(tmp_path, products, capsys, monkeypatch):
     monkeypatch.setattr("m3depth.rectification.products.find_spec", lambda name: None)
     line = refused(capsys, *products, tmp_path / "out")
-    assert "need pdr" in line and "pip install 'mars-m3depth[real]'" in line
+    assert "need pdr" in line and 'pip install "mars-m3depth[real]"' in line
 
 
 @pytest.mark.parametrize(

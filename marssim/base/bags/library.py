@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-EXTRA = "pip install 'mars-m3depth[real]'"
+EXTRA = 'pip install "mars-m3depth[real]"'
 
 
 def check_installed(path: Path) -> None:

@@ -264,7 +264,7 @@ def _on_cluster(
     try:
         from distributed import Client, KilledWorker
     except ImportError:
-        raise ImportError("--scheduler needs dask: pip install 'mars-m3depth[cluster]'") from None
+        raise ImportError('--scheduler needs dask: pip install "mars-m3depth[cluster]"') from None
     try:
         with ThreadPoolExecutor(1) as thread:  # another one, since a notebook runs an event loop in this one
             thread.submit(asyncio.run, _check_address(address)).result()

@@ -111,7 +111,7 @@ def write_sample(
             meta["right_rotation"] = frame.right_rotation.tolist()
             if raw is not None:
                 meta["raw_sha256"] = _write_images(partial, {n: image[..., ::-1] for n, image in zip(RAW, raw)})
-            (partial / "sample.json").write_text(json_text(meta, indent=1, sort_keys=True), encoding="utf-8")
+            (partial / "sample.json").write_bytes(json_text(meta, indent=1, sort_keys=True).encode())
         if replace or not is_complete(folder):
             shutil.rmtree(folder, ignore_errors=True)
         try:

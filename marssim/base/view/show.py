@@ -20,7 +20,7 @@ def check_viewer() -> None:
         ImportError: viser is not installed; one line that says how to install it.
     """
     if find_spec("viser") is None:
-        raise ImportError("the viewer in the browser needs viser: pip install 'mars-m3depth[view]'")
+        raise ImportError('the viewer in the browser needs viser: pip install "mars-m3depth[view]"')
 
 
 def show(shots: Sequence[Shot], title: str) -> None:

@@ -708,7 +708,7 @@ def test_distances_along_the_ray_are_read_as_depth(tmp_path) -> None:
 def test_without_openexr_the_extra_is_named(tmp_path, monkeypatch) -> None:
     config = oaisys_tree(tmp_path)
     monkeypatch.setattr(exr, "find_spec", lambda name: None)
-    with pytest.raises(ImportError, match=r"\.exr: OpenEXR is not installed; pip install 'mars-m3depth\[exr\]'"):
+    with pytest.raises(ImportError, match=r'\.exr: OpenEXR is not installed; pip install "mars-m3depth\[exr\]"'):
         open_pairs(tmp_path, "all", DataConfig(calib=config))[0]
 
 

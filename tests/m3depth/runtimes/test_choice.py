@@ -35,7 +35,7 @@ def test_pytorch_is_chosen_where_openvino_is_installed(installed):
 
 
 def test_missing_openvino_is_reported_with_its_extra(tmp_path, capsys):
-    message = "openvino: it is not installed; pip install 'mars-m3depth[fast]'"
+    message = 'openvino: it is not installed; pip install "mars-m3depth[fast]"'
     with pytest.raises(ImportError, match=re.escape(f"`runtime` {message}")):
         load_estimator("m3depth", runtime="openvino")
     images = [str(tmp_path / name) for name in ("left.png", "right.png")]

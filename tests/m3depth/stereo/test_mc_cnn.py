@@ -57,7 +57,7 @@ def test_a_setting_that_cannot_work_is_refused(package) -> None:
 def test_without_the_package_one_line_names_the_extra(monkeypatch) -> None:
     monkeypatch.setattr(mc_cnn, "find_spec", lambda name: None)
     with pytest.raises(
-        ImportError, match=r"^--baselines: mccnn is not installed; pip install 'mars-m3depth\[rivals\]'$"
+        ImportError, match=r'^--baselines: mccnn is not installed; pip install "mars-m3depth\[rivals\]"$'
     ):
         load_estimator("mccnn", "--baselines")
     options = parse(EvaluateOptions, "evaluate", None, ["--data", "data", "--out", "out", "--baselines", "mccnn"])

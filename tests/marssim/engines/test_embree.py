@@ -1,4 +1,5 @@
 import gc
+import sys
 from importlib import metadata
 
 import numpy as np
@@ -120,3 +121,13 @@ def test_the_library_is_found_through_the_module_that_is_linked_to_it(monkeypatc
     monkeypatch.setattr(metadata, "files", lambda _: None)
     library, device = embree._embree.__wrapped__()
     assert device and library.rtcGetDeviceError(device) == 0
+
+
+def test_without_the_package_a_sentence_names_the_renderer_that_needs_none(monkeypatch):
+    monkeypatch.setitem(sys.modules, "embreex", None)
+    embree._embree.cache_clear()
+    try:
+        with pytest.raises(ImportError, match=r"embreex cannot be imported .* the renderer scan does without$"):
+            TriangleRays(SQUARE, HALVES).nearest(np.zeros((1, 3)), DOWN[None])
+    finally:
+        embree._embree.cache_clear()

@@ -105,7 +105,7 @@ def test_broken_bags_are_reported(make, capsys):
 def test_without_rosbags_the_extra_is_named(make, capsys, monkeypatch):
     bag = make()
     monkeypatch.setitem(sys.modules, "rosbags", None)
-    assert "ROS 2 bags need rosbags, which is not installed; pip install 'mars-m3depth[real]'" in error_of(bag, capsys)
+    assert 'ROS 2 bags need rosbags, which is not installed; pip install "mars-m3depth[real]"' in error_of(bag, capsys)
 
 
 def test_a_missing_bag_and_flags_of_bags_without_one_are_refused(tmp_path, capsys):

@@ -49,7 +49,7 @@ def test_without_rosbags_one_line_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
     for work in (BagWriter, Bag):
         with pytest.raises(
-            ImportError, match=r"need rosbags, which is not installed; pip install 'mars-m3depth\[real\]'"
+            ImportError, match=r'need rosbags, which is not installed; pip install "mars-m3depth\[real\]"'
         ):
             work(tmp_path / "bag")
 

@@ -111,10 +111,14 @@ def test_two_who_write_the_same_sample_do_not_disturb_each_other(frame, tmp_path
 
 
 def test_a_sample_that_cannot_be_written_leaves_nothing(frame, tmp_path, monkeypatch):
-    def full(path: Path, text: str, encoding: str) -> int:
-        raise OSError(28, "No space left on device")
+    write_bytes = Path.write_bytes
 
-    monkeypatch.setattr(Path, "write_text", full)
+    def full(path: Path, data: bytes) -> int:
+        if path.name == "sample.json":
+            raise OSError(28, "No space left on device")
+        return write_bytes(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match="No space"):
         write_sample(tmp_path / "00", frame, {})
     assert list(tmp_path.iterdir()) == []

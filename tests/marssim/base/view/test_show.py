@@ -19,7 +19,7 @@ def test_who_sits_here_is_given_the_address(monkeypatch):
 
 def test_a_missing_viser_is_one_line_that_names_the_extra(monkeypatch):
     monkeypatch.setattr(show_module, "find_spec", lambda name: None)
-    with pytest.raises(ImportError, match=r"the viewer in the browser needs viser: pip install 'mars-m3depth\[view\]'"):
+    with pytest.raises(ImportError, match=r'the viewer in the browser needs viser: pip install "mars-m3depth\[view\]"'):
         check_viewer()
 
 
