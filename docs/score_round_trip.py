@@ -89,7 +89,7 @@ def main(options: Annotated[Options, tyro.conf.arg(name="")]) -> None:
     config = parse_generate("score_round_trip", __doc__, [str(flag) for flag in flags])
     dataset = generate_dataset(config)
     predicting = PredictOptions((Path("left"), Path("right")), out=options.out, estimator=options.estimator)
-    method = Method.of(predicting)
+    method = Method.from_options(predicting)
     scores: dict[str, list[dict[str, float]]] = {}
     for number in range(len(dataset)):
         for form, score in _scores(config, dataset, number, predicting, method, options.out):
@@ -139,7 +139,7 @@ def _render(config: GenerateConfig, dataset: StereoDataset, number: int, view: R
     meta = dataset[number].meta
     scene, pose, sensor = draw_scene(config, meta["scene"]), np.array(meta["pose"]), Sensor(**meta["sensor"])
     renderer, shader = make_renderer(config.renderer, scene), Shader(scene)
-    footprint = Footprint.of(config.rig.camera, pose)
+    footprint = Footprint.from_camera(config.rig.camera, pose)
     views, light = [], []
     for camera, at in ((view.left, pose), (view.right, config.rig.right_pose(pose))):
         views.append(renderer.render(camera, at, footprint))

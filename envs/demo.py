@@ -28,7 +28,7 @@ from envs.drives.film import Film
 from envs.drives.step_lines import StepLines
 from envs.mars_nav import MarsNavEnv
 from envs.world.referee import GOAL_RADIUS
-from envs.world.vehicle import known_dynamics
+from envs.world.vehicle import checked_dynamics
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import evaluate
 from m3depth.evaluation.report import text_table
@@ -119,7 +119,7 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
     print(table)
 
     print(f"3. a drive of {config.goal_distance:g} m with M3Depth as the rover's eyes")
-    env = MarsNavEnv(network, known_dynamics(None), "embree", config.scene, config.goal_distance, mast=True)
+    env = MarsNavEnv(network, checked_dynamics(None), "embree", config.scene, config.goal_distance, mast=True)
     try:
         title = f"navigator, m3depth: {Path(config.scene).stem}, {config.goal_distance:g} m"
         with Film(config.out / "drive.mp4", title) as film:

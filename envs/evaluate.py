@@ -39,7 +39,7 @@ from envs.recording.recorder import Recorder
 from envs.recording.results_page import BEST, FILMED, WORST, write_results_page
 from envs.world.loaded_methods import loaded_method
 from envs.world.perception import perception_digest
-from envs.world.vehicle import chosen_dynamics, known_dynamics
+from envs.world.vehicle import checked_dynamics, chosen_dynamics
 from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.bags.library import check_installed
 from marssim.base.command.progress import progress
@@ -331,7 +331,7 @@ def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> Epi
     watch = episode_check(config, task.cell, task.episode, watch or _step_lines(config, task))
     perception = loaded_method(task.perception, config.runtime)
     env = MarsNavEnv(
-        perception, known_dynamics(config.dynamics), config.renderer,
+        perception, checked_dynamics(config.dynamics), config.renderer,
         config.scene_config(), config.goal_distance,
         mast=True, map_observation=bool(getattr(driver, "needs_map", False)),
         disparity_noise=config.disparity_noise, drift=config.drift, yaw_drift_deg=config.yaw_drift_deg,

@@ -19,7 +19,7 @@ from envs.observation.spaces import observation_space, observe
 from envs.suites.drawn_course import draw_episode
 from envs.suites.draws import Condition, EpisodeDraws, EpisodeSettings, Number, Slip, stream_of_draws
 from envs.world.action import checked_action, warn_if_ended
-from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, known_scene
+from envs.world.arguments import check_count, check_errors, check_flags, check_render_mode, checked_scene
 from envs.world.eyes import EyesConfig
 from envs.world.gaze import Gaze
 from envs.world.odometry import Odometry
@@ -27,7 +27,7 @@ from envs.world.perception import Perception, Sight, rng_of_perception
 from envs.world.referee import Referee
 from envs.world.reward import step_reward
 from envs.world.slip import SlipGauge
-from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, known_dynamics, make_vehicle
+from envs.world.vehicle import FALLBACK_NOTE, DynamicsName, Vehicle, checked_dynamics, make_vehicle
 from envs.world.way_driven import WayDriven
 from marssim.base.rover_spec import ZHURONG
 from marssim.render.renderers.by_name import RendererName
@@ -237,12 +237,12 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         check_render_mode(render_mode, self.metadata["render_modes"])
         check_count("episodes_per_scene", episodes_per_scene)
         self.render_mode = render_mode
-        self.dynamics = known_dynamics(dynamics)
+        self.dynamics = checked_dynamics(dynamics)
         if dynamics is None and self.dynamics != "physics":
             gymnasium.logger.warn(FALLBACK_NOTE)
         self.rover_spec, self.mast = ZHURONG, mast
         numbers = dict(goal_distance=goal_distance, k=k, slope_deg=slope_deg, sun_elevation_deg=sun_elevation_deg)
-        self.draws = EpisodeDraws(known_scene(scene), EyesConfig() if eyes is None else eyes, numbers, slip, condition)
+        self.draws = EpisodeDraws(checked_scene(scene), eyes or EyesConfig(), numbers, slip, condition)
         self.episodes_per_scene, self._episodes_left = episodes_per_scene, -1  # before the first reset
         self.perception = Perception(perception, renderer, None, disparity_noise, align_rows, runtime)
         self.gaze = Gaze(self.perception, self.rover_spec)

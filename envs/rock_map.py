@@ -192,9 +192,9 @@ def _outcome(
     if np.median(scene.true_depth.ravel()[rock.pixels]) >= shown.elevation.config.max_range - RIM:
         return None
     cells = _wider(rock_cells, 1)
-    found = bool((stands & cells).any())
-    height = float(np.nanmax(shown.step[cells])) if found else np.nan
-    return RockOutcome(rock.height, rock.distance, found, height - rock.height, rock.both_eyes)
+    detected = bool((stands & cells).any())
+    height = float(np.nanmax(shown.step[cells])) if detected else np.nan
+    return RockOutcome(rock.height, rock.distance, detected, height - rock.height, rock.both_eyes)
 
 
 def _is_displaced(elevation: ElevationMap, patch: np.ndarray, height: float, truth: TrueRocks) -> bool:

@@ -130,7 +130,7 @@ def _predict_one(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     if (options.out / MARK).is_file():
         raise ValueError(f"--out {options.out}: holds predictions of many pairs; choose another")
     read, prepared = read_and_prepare(inputs, pair, options)
-    method = Method.of(options, estimator)
+    method = Method.from_options(options, estimator)
     record = record_of(read, inputs, prepared.rig, method, options)
     for message in (*prepared.warnings, *mount_warnings(record, options)):
         print(f"warning: {message}", file=sys.stderr)

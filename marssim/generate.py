@@ -83,8 +83,8 @@ def _sources(config: GenerateConfig, previous: dict[str, Any] | None) -> list[st
     names = _names(_scenes(config))
     present = sum(is_complete(config.out / "scenes" / name) for name in names)
     recorded = None if previous is None else previous.get(SOURCES)
-    known = isinstance(recorded, list) and all(isinstance(digest, str) for digest in recorded)
-    earlier = list(recorded) if known else [UNKNOWN] if present else []  # type: ignore[arg-type]
+    is_list = isinstance(recorded, list) and all(isinstance(digest, str) for digest in recorded)
+    earlier = list(recorded) if is_list else [UNKNOWN] if present else []  # type: ignore[arg-type]
     if present == len(names):
         return earlier
     now = source_digest(("marssim",))

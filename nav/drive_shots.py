@@ -39,7 +39,7 @@ class MapState:
     colours: np.ndarray | None
 
     @classmethod
-    def of(cls, navigator: Navigator) -> MapState | None:
+    def from_navigator(cls, navigator: Navigator) -> MapState | None:
         """Copy the state of a navigator; None if its map is empty."""
         elevation, ground = navigator.map, navigator.ground
         rows, columns = np.nonzero(elevation.measured)
@@ -114,7 +114,7 @@ class DriveRecorder:
         ground = camera_pose[2, 3] - self._spec.mount.height
         foot = np.array([*self._goal[:2], ground])
         lines = [Line("Goal", np.stack([foot, np.add(foot, (0, 0, POLE))]), GOAL_COLOUR)]
-        state = MapState.of(navigator)
+        state = MapState.from_navigator(navigator)
         if command.status in ("drive", "turn") and navigator.motion is not None and state is not None:
             lines.append(Line("Chosen motion", _on_ground(navigator.motion.poses, state, ground), MOTION_COLOUR))
         note = f"{command.status}, {command.speed:.2f} m/s, {np.rad2deg(command.yaw_rate):+.1f} deg/s"

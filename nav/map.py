@@ -278,8 +278,8 @@ def _height_over_ground(depth: np.ndarray, pair: PredictedPair) -> float:
     Zhurong's height is the most, since ground that falls away makes a camera look higher than it is. It is also taken
     where nothing lies below the camera.
     """
-    known = np.isfinite(depth) & (depth > 0)
-    near = known & (depth <= np.quantile(depth[known], 0.1)) if known.any() else known
+    measured = np.isfinite(depth) & (depth > 0)
+    near = measured & (depth <= np.quantile(depth[measured], 0.1)) if measured.any() else measured
     below = -(pair.rig.camera.rays()[near] @ pair.pose[2, :3]) * depth[near]
     height = float(np.median(below)) if below.size else 0.0
     return min(height, ZHURONG.mount.height) if height > LEAST_HEIGHT else ZHURONG.mount.height

@@ -57,6 +57,6 @@ def as_images(observation: dict[str, Any]) -> dict[str, Any]:
     goal[0] = share_of_distance(goal[0])
     out = {**observation, "depth": np.round(255 * near).astype(np.uint8)[None], "goal": goal}
     if "map" in observation:
-        height, cost, known = observation["map"]
-        out["map"] = np.round(255 * np.stack([(height + 1) / 2, cost, known])).astype(np.uint8)
+        height, cost, valid = observation["map"]
+        out["map"] = np.round(255 * np.stack([(height + 1) / 2, cost, valid])).astype(np.uint8)
     return out

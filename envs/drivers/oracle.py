@@ -52,8 +52,8 @@ def true_map(renderer: Renderer, half: float) -> ElevationMap:
             x, y = out.origin + TILE * cell * (np.array([column, row]) + 0.5)
             pose = np.array([[1, 0, 0, x], [0, -1, 0, y], [0, 0, -1, ABOVE], [0, 0, 0, 1.0]])
             depth = renderer.render(camera, pose, sunlit=False).depth.astype(float)
-            seen = np.isfinite(depth)
-            hits = (rays[seen] * depth[seen][:, None]) @ pose[:3, :3].T + pose[:3, 3]
+            valid = np.isfinite(depth)
+            hits = (rays[valid] * depth[valid][:, None]) @ pose[:3, :3].T + pose[:3, 3]
             at = out.cell_of(hits[:, :2])
             inside = ((at >= 0) & (at < out.n)).all(axis=1)
             cells, heights = at[inside, 1] * out.n + at[inside, 0], hits[inside, 2]

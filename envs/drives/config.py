@@ -21,7 +21,7 @@ from envs.world.arguments import ERROR_LIMITS
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
 from envs.world.perception import GROUND_TRUTH
 from envs.world.slip import SlipConfig
-from envs.world.vehicle import DynamicsName, dynamics_of_name, known_dynamics
+from envs.world.vehicle import DynamicsName, checked_dynamics, dynamics_of_name
 from m3depth.runtimes.choice import RuntimeChoice
 from marssim.base.command.limits import check_least
 from marssim.physics.soil.soil_map import GroundName
@@ -292,7 +292,7 @@ class EvaluateConfig:
         suite = {} if self.suite is None else suite_note(self.suite, self.split)
         return {
             "seed": self.seed, **place_note(self.scene), "goal_distance": self.goal_distance,
-            "dynamics": dynamics_of_name(self.dynamics or known_dynamics(None)), "renderer": self.renderer,
+            "dynamics": dynamics_of_name(self.dynamics or checked_dynamics(None)), "renderer": self.renderer,
             "align_rows": self.align_rows, **errors, **slip, **self.look_flags(), **eyes, **course, **suite,
         }  # fmt: skip
 

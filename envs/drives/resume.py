@@ -189,9 +189,9 @@ def check_worker(perception: str, wanted: str, expected: str | None) -> None:
         wanted: The runtime that the user asks for, as chosen_runtime takes it.
         expected: recorded_runtime of both where the evaluation was started.
     """
-    if (here := recorded_runtime([perception], wanted)) != expected:
+    if (runtime := recorded_runtime([perception], wanted)) != expected:
         raise DatasetError(
-            f"the worker on {platform.node()} would run {perception} in {here}, and this evaluation runs it in "
+            f"the worker on {platform.node()} would run {perception} in {runtime}, and this evaluation runs it in "
             f"{expected}; make the workers alike, or choose a --runtime that all of them have"
         )
 
@@ -204,14 +204,14 @@ def check_paths(config: EvaluateConfig, names: Sequence[str], folder: Path) -> N
         names: The driver and the perception of a drive, as envs.evaluate takes them.
         folder: The folder in which the command was started.
     """
-    here, files = Path.cwd(), [file for name in names if (file := _read_from(name)) is not None]
+    current, files = Path.cwd(), [file for name in names if (file := _read_from(name)) is not None]
     files += [file for name in names if ":" in name for file in class_files(name)]
     files += [Path(name) for name in (config.scene, config.suite) if name is not None and name.endswith(".json")]
     relative = [file for file in files if not file.is_absolute()]
-    if relative and here != folder:
+    if relative and current != folder:
         raise DatasetError(
-            f"{relative[0]}: the worker on {platform.node()} runs in {here}, and would not read the file of {folder}; "
-            "give an absolute path, or start the workers in that folder"
+            f"{relative[0]}: the worker on {platform.node()} runs in {current}, and would not read the file of "
+            f"{folder}; give an absolute path, or start the workers in that folder"
         )
 
 

@@ -67,7 +67,7 @@ class MapView:
         c, s = pose[:2, 0] / np.hypot(*pose[:2, 0])
         ahead, left = c * x + s * y, c * y - s * x
         row, column = (np.floor(PIXELS / 2 - along / CELL).astype(int) for along in (ahead, left))
-        seen = (row >= 0) & (row < PIXELS) & (column >= 0) & (column < PIXELS)
+        inside = (row >= 0) & (row < PIXELS) & (column >= 0) & (column < PIXELS)
         out = np.zeros((PIXELS, PIXELS))  # a pixel of 0.2 m holds the middle of a cell of 0.1 m, however it is turned
-        np.maximum.at(out, (row[seen], column[seen]), cost[seen])
+        np.maximum.at(out, (row[inside], column[inside]), cost[inside])
         return out

@@ -119,14 +119,14 @@ class TrueDepthMap:
         return rows, columns
 
     def _cause_of_blocked_path(self, place: np.ndarray, goal: np.ndarray) -> Cause:
-        navigator, own, true = self._navigator, self._navigator.map, self._map
-        planner = Planner(navigator.spec, navigator.config.planner, own)
+        navigator, estimated, true = self._navigator, self._navigator.map, self._map
+        planner = Planner(navigator.spec, navigator.config.planner, estimated)
         planner.margin = navigator.planner.margin
 
         def opens(elevation: ElevationMap, passable: np.ndarray | None = None) -> bool:
             return is_open(planner, elevation, navigator.judge(place, elevation, passable), place, goal)
 
-        if opens(own):
+        if opens(estimated):
             return Cause.DETOUR
         if not opens(true):
             return Cause.NO_TRUE_PATH
@@ -134,18 +134,18 @@ class TrueDepthMap:
         # The wheels meet the neighbours of the cells that they are on.
         true_ground = navigator.judge(place, true)
         blocked, free = navigator.judge(place).blocked, true_ground.known & ~true_ground.blocked
-        false, gaps = blocked & free, ~own.measured & true.measured
+        false, gaps = blocked & free, ~estimated.measured & true.measured
         around = true.measured & (cv2.dilate(false.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-        if opens(_corrected(own, true, around), free):
+        if opens(_corrected(estimated, true, around), free):
             return Cause.FALSE_OBSTACLES
-        if opens(_corrected(own, true, gaps), free & ~blocked):
+        if opens(_corrected(estimated, true, gaps), free & ~blocked):
             return Cause.UNMEASURED_GROUND
-        return Cause.BOTH if opens(_corrected(own, true, around | gaps), free) else Cause.OTHER_ERRORS
+        return Cause.BOTH if opens(_corrected(estimated, true, around | gaps), free) else Cause.OTHER_ERRORS
 
 
-def _corrected(own: ElevationMap, true: ElevationMap, where: np.ndarray) -> ElevationMap:
+def _corrected(estimated: ElevationMap, true: ElevationMap, where: np.ndarray) -> ElevationMap:
     """Return a copy of a map with the cells of another one in a mask (n, n)."""
-    out = deepcopy(own)
+    out = deepcopy(estimated)
     for name in LAYERS:
         getattr(out, name)[where] = getattr(true, name)[where]
     return out

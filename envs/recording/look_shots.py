@@ -79,7 +79,7 @@ def _view(record: EpisodeRecord, path: Path, n: int) -> View:
     layers = dict(view.layers)
     if (errors := drive.codes("error", n)) is not None:
         layers["error"] = Layer(code_colours()["error"][errors[pixels]], ERROR_TITLE)
-    ground = _Ground.of(drive, n)
+    ground = _Ground.from_step(drive, n)
     if ground is not None:
         eye = _eye(drive, step, "believed_pose")
         places = view.points @ eye[:2, :3].T + eye[:2, 3]
@@ -119,7 +119,7 @@ class _Ground:
         self._corner = np.array([place["west"], place["south"]])
 
     @classmethod
-    def of(cls, drive: DriveFile, n: int) -> _Ground | None:
+    def from_step(cls, drive: DriveFile, n: int) -> _Ground | None:
         """Return the ground of a step; None where the driver had no map."""
         step, codes, heights = drive.steps[n], drive.codes("map", n), drive.heights(n)
         if codes is None or step["map"] is None:

@@ -12,7 +12,7 @@ from envs.courses.course import LIMITS, CourseConfig, check_rocks
 from envs.suites.condition_ranges import ConditionRanges, range_ends
 from envs.suites.conditions import Values, under
 from envs.world.eyes import EyesConfig
-from envs.world.slip import SlipConfig, known_slip
+from envs.world.slip import SlipConfig, checked_slip
 from marssim.base.files.json_file import json_text
 from marssim.physics.soil.soil_map import GroundName
 from marssim.scene.scene import SceneConfig
@@ -107,7 +107,7 @@ class EpisodeDraws:
         ranges = {name: range_ends(name, value) for name, value in numbers.items() if isinstance(value, tuple | list)}
         self._ranges: dict[str, Any] = ranges
         self._fixed: dict[str, Any] = {name: value for name, value in numbers.items() if name not in ranges}
-        self._slips = [known_slip(each) for each in _choices("slip", slip)]
+        self._slips = [checked_slip(each) for each in _choices("slip", slip)]
         self._conditions = [ConditionRanges({} if condition is None else c) for c in _choices("condition", condition)]
         drawn = {
             "slip": isinstance(slip, tuple | list),

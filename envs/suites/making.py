@@ -51,10 +51,10 @@ def make_suite(
             seed = series_seed(values["seed"], number)
             drawn: dict[str, dict[str, Any]] = {}  # the eyes do not change the scene
             for condition, settings in conditions.items():
-                seen = {key: value for key, value in settings.items() if key not in OF_EYES}
-                key = json.dumps(seen, sort_keys=True)
+                of_scene = {key: value for key, value in settings.items() if key not in OF_EYES}
+                key = json.dumps(of_scene, sort_keys=True)
                 if key not in drawn:
-                    drawn[key] = course_values(build_course(seen, seed))
+                    drawn[key] = course_values(build_course(of_scene, seed))
                 episode = {"split": split, "condition": condition, "course": number, "seed": seed}
                 sensor = sensor_values(build_sensor(settings, seed))
                 episodes.append(episode | drawn[key] | {"sensor": sensor})

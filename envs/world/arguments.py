@@ -32,13 +32,13 @@ def check_count(name: str, value: int) -> None:
         raise ValueError(f"{name} must be a whole number of 1 or more, got {value!r}")
 
 
-def check_render_mode(mode: str | None, known: list[str]) -> None:
+def check_render_mode(mode: str | None, modes: list[str]) -> None:
     """Raise ValueError that names a way of rendering that is unknown; None renders nothing."""
-    if mode is not None and mode not in known:
-        raise ValueError(f"render_mode {mode!r} is unknown; choose from {', '.join(known)}")
+    if mode is not None and mode not in modes:
+        raise ValueError(f"render_mode {mode!r} is unknown; choose from {', '.join(modes)}")
 
 
-def known_scene(scene: str | Path | SceneConfig) -> SceneConfig:
+def checked_scene(scene: str | Path | SceneConfig) -> SceneConfig:
     """Return the settings of a place: a preset's name, a JSON file of a place, or settings, which are returned.
 
     Raises:

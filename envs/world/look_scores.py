@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.world.perception import Sight
-from m3depth.evaluation.metrics import capped_depth, known_depth
+from m3depth.evaluation.metrics import capped_depth, has_depth
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR, RockCounts
 from m3depth.evaluation.running_sums import SkyCounts
@@ -52,7 +52,7 @@ def is_blind(sight: Sight) -> bool:
     if sight.true_depth is None:
         return False
     near = in_range(sight.true_depth)
-    return bool(near.any() and not known_depth(sight.depth[near]).any())
+    return bool(near.any() and not has_depth(sight.depth[near]).any())
 
 
 class RockErrors(NamedTuple):

@@ -30,7 +30,7 @@ class SlipConfig:
             raise ValueError(f"the measured share of the slip must lie in [0, 1], got {share!r}")
 
 
-def known_slip(slip: SlipConfig | GroundName | None) -> SlipConfig | None:
+def checked_slip(slip: SlipConfig | GroundName | None) -> SlipConfig | None:
     """Return the settings of the slip, also for a ground's name; None for wheels that do not slip.
 
     Raises:

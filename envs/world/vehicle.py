@@ -25,7 +25,7 @@ DynamicsName = Literal["physics", "kinematic"]
 DYNAMICS: tuple[DynamicsName, ...] = get_args(DynamicsName)
 
 
-def known_dynamics(name: str | None) -> DynamicsName:
+def checked_dynamics(name: str | None) -> DynamicsName:
     """Return the dynamics of that name; None means physics, or kinematic where PyBullet is not installed.
 
     Raises:
@@ -49,8 +49,8 @@ def dynamics_of_name(name: str) -> DynamicsName:
 
 
 def chosen_dynamics(name: str | None) -> DynamicsName:
-    """Return known_dynamics for a command, and print a note if None means kinematic, as PyBullet is not installed."""
-    dynamics = known_dynamics(name)
+    """Return checked_dynamics for a command, and print a note if None means kinematic, as PyBullet is not installed."""
+    dynamics = checked_dynamics(name)
     if name is None and dynamics != "physics":
         print_note(FALLBACK_NOTE)
     return dynamics

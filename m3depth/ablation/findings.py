@@ -200,14 +200,14 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
     claim = f"{MEASURED[name]} {_change_text(paper)}" if paper is not None else comparison.statement or "no figure"
     lead = f"Paper: {claim}; here" if study.source else "Here"
     if change["here"] is None:
-        here = "it is not measured yet"
+        result = "it is not measured yet"
     else:
-        here = f"{'it' if paper is not None else MEASURED[name]} {_change_text(change['here'])} "
-        here += "(" + _interval_text(change["interval"], change["seed_interval"])
+        result = f"{'it' if paper is not None else MEASURED[name]} {_change_text(change['here'])} "
+        result += "(" + _interval_text(change["interval"], change["seed_interval"])
         if change["typical_interval"] is not None:
-            here += f"; geometric mean {100 * change['typical']:+.1f} %, "
-            here += _bounds_text(change["typical_interval"], change["typical_seed_interval"])
-        here += ")"
+            result += f"; geometric mean {100 * change['typical']:+.1f} %, "
+            result += _bounds_text(change["typical_interval"], change["typical_seed_interval"])
+        result += ")"
     ending = f": **{verdict}**" if verdict else ""
     return {
         "what": comparison.change,
@@ -215,7 +215,7 @@ def _compare(study: Study, comparison: Comparison, column: Column, name: str) ->
         "paper": paper,
         **change,
         "verdict": verdict,
-        "sentence": f"{comparison.change}. {lead} {here}{ending}.",
+        "sentence": f"{comparison.change}. {lead} {result}{ending}.",
     }
 
 
@@ -251,11 +251,11 @@ def _order(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
     """Return the rows from the best to the worst, and how many pairs of them are in another order than the paper's."""
     both = [row for row in rows if row["paper"].get(name) is not None and row["here"][name] is not None]
     paper = [row["label"] for row in sorted(both, key=lambda row: row["paper"][name])]
-    here = [row["label"] for row in sorted(both, key=lambda row: row["here"][name])]
-    turned = sum(here.index(a) > here.index(b) for i, a in enumerate(paper) for b in paper[i + 1 :])
+    order = [row["label"] for row in sorted(both, key=lambda row: row["here"][name])]
+    turned = sum(order.index(a) > order.index(b) for i, a in enumerate(paper) for b in paper[i + 1 :])
     count = len(paper) * (len(paper) - 1) // 2
     sentence = (
-        f"Order by {MEASURED[name]}, best first. Paper: {'; '.join(paper)}. Here: {'; '.join(here)}. "
+        f"Order by {MEASURED[name]}, best first. Paper: {'; '.join(paper)}. Here: {'; '.join(order)}. "
         f"{turned} of {counted(count, 'pair')} of rows {'is' if turned == 1 else 'are'} in the opposite order."
     )
-    return {"measure": name, "paper": paper, "here": here, "turned": turned, "of": count, "sentence": sentence}
+    return {"measure": name, "paper": paper, "here": order, "turned": turned, "of": count, "sentence": sentence}

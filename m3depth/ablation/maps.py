@@ -12,12 +12,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import known_depth
+from m3depth.evaluation.metrics import has_depth
 from m3depth.figures.drawing import (
     colour_map,
     depth_scale,
-    known_depths,
     label_bar,
+    measured_depths,
     normal_image,
     note,
     panel_aspect,
@@ -83,13 +83,13 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
         of_pair[0, 0].clear()
         show(of_pair[0, 0], example.left)
         of_pair[0, 0].set_ylabel(example.title, fontsize=9)
-        show(of_pair[0, 1], known_depths(truth.depth), cmap=depth_map, norm=norm)
+        show(of_pair[0, 1], measured_depths(truth.depth), cmap=depth_map, norm=norm)
         note(of_pair[0, 1], f"{norm.vmin:.1f} to {norm.vmax:.0f} m")
         of_pair[1, 1].axis("off")
         show(of_pair[2, 1], normal_image(truth.normal))
         for name, (over, middle, under) in zip(names, of_pair[:, 2:].T, strict=True):
             prediction = example.predictions[name]
-            show(over, known_depths(prediction.depth), cmap=depth_map, norm=norm)
+            show(over, measured_depths(prediction.depth), cmap=depth_map, norm=norm)
             disparity = np.where(np.isfinite(prediction.disparity), prediction.disparity, 0)  # unknown counts as 0 px
             error = np.where(scored, np.abs(disparity - truth.disparity), np.nan)
             show(middle, error, cmap=colour_map("inferno"), norm=errors)
@@ -97,7 +97,7 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
             if prediction.normal is None:
                 under.axis("off")
             else:
-                show(under, normal_image(np.where(known_depth(prediction.depth)[..., None], prediction.normal, 0)))
+                show(under, normal_image(np.where(has_depth(prediction.depth)[..., None], prediction.normal, 0)))
     for ax, title in zip(axes[0], ["left image", "truth", *names], strict=True):
         ax.set_title(fill(title, TITLE), fontsize=9)
     figure.text(0.36 / width, 0.1 / height, f"depth: bright is near; grey: sky or unknown\n{NORMAL_TITLE}", fontsize=8)

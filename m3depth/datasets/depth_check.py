@@ -178,8 +178,8 @@ def _reduced(sample: StereoSample) -> ReducedPair:
     )
     # beyond the left border of the right image, where the reader calls pixels hidden, a disparity may be far too large
     inside = np.arange(camera.width) - sample.disparity >= -0.5
-    known = np.isfinite(sample.disparity) & ~(sample.occluded & inside)
-    disparity = np.where(known, sample.disparity, 0).astype(np.float32)
+    valid = np.isfinite(sample.disparity) & ~(sample.occluded & inside)
+    disparity = np.where(valid, sample.disparity, 0).astype(np.float32)
     block = np.ones((max(1, round(1 / scale)),) * 2)
     true, near = (
         cv2.resize(values, size, interpolation=cv2.INTER_NEAREST) * np.float32(scale)

@@ -54,9 +54,9 @@ def only_layer(path: Path, layers: Mapping[str, Layer], kind: str, fits: Callabl
     fitting = {name: channels for name, channels in layers.items() if fits(channels)}
     named = {name: channels for name, channels in fitting.items() if kind in name.lower()}
     plain = {name: channels for name, channels in fitting.items() if not name}
-    found = named or plain or fitting
-    if len(found) > 1:
+    candidates = named or plain or fitting
+    if len(candidates) > 1:
         raise DatasetError(
-            f"{path}: {' and '.join(sorted(found))} may all hold the {kind}; the name of one layer must tell it"
+            f"{path}: {' and '.join(sorted(candidates))} may all hold the {kind}; the name of one layer must tell it"
         )
-    return next(iter(found.values()), None)
+    return next(iter(candidates.values()), None)

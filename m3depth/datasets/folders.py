@@ -37,15 +37,15 @@ def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Ite
     assert config.left is not None and config.right is not None and truth is not None
     kind: Kind = "disparity" if config.disparity else "depth"
     patterns = [config.left, config.right, truth] + ([config.normal] if config.normal else [])
-    found = list(partners(root, patterns))
-    lefts = [path.relative_to(root) for path, *_ in found]
+    groups = list(partners(root, patterns))
+    lefts = [path.relative_to(root) for path, *_ in groups]
     names = [left.with_suffix("").as_posix() for left in lefts]
-    if (twice := next((path for path, right, *_ in found if path == right), None)) is not None:
+    if (twice := next((path for path, right, *_ in groups if path == right), None)) is not None:
         raise DatasetError(f"{twice}: --left and --right both find this file")
     scenes = _scenes([left.as_posix() for left in lefts])
     if len(set(scenes)) < FEWEST_SCENES:
         scenes = names
-    for name, scene, (path, right, file, *normal) in zip(names, scenes, found, strict=True):
+    for name, scene, (path, right, file, *normal) in zip(names, scenes, groups, strict=True):
         yield PairFiles(
             name, scene, path, right, file, kind, rigs(root / "calib.txt", path), unit=config.unit,
             normal=normal[0] if normal else None,

@@ -42,15 +42,15 @@ def read_normals(path: Path, frame: NormalFrame) -> np.ndarray:
     stored = _vectors(path)
     if stored.dtype.kind == "u":
         vectors = stored.astype(np.float32) * np.float32(2 / np.iinfo(stored.dtype).max) - 1
-        known = stored.any(-1) & (np.linalg.norm(vectors, axis=-1) > CODED_LENGTH)
+        valid = stored.any(-1) & (np.linalg.norm(vectors, axis=-1) > CODED_LENGTH)
     else:
         _check_range(path, stored)
         vectors = stored.astype(np.float32)
-        known = np.isfinite(vectors).all(-1) & vectors.any(-1)
+        valid = np.isfinite(vectors).all(-1) & vectors.any(-1)
     if frame == "opengl":
         vectors = vectors * FROM_OPENGL
-    length = np.linalg.norm(np.where(known[..., None], vectors, 1), axis=-1, keepdims=True)
-    return np.where(known[..., None], vectors / length, np.float32(0)).astype(np.float32)
+    length = np.linalg.norm(np.where(valid[..., None], vectors, 1), axis=-1, keepdims=True)
+    return np.where(valid[..., None], vectors / length, np.float32(0)).astype(np.float32)
 
 
 def check_frame(path: Path, normal: np.ndarray, frame: NormalFrame, camera: PinholeCamera, fitted: np.ndarray) -> None:
@@ -83,18 +83,18 @@ def check_frame(path: Path, normal: np.ndarray, frame: NormalFrame, camera: Pinh
                 f"to the true depth; {advice}"
             )
     towards = (normal * camera.rays()).sum(-1)
-    away, known = np.count_nonzero(towards > 0), np.count_nonzero(normal.any(-1))
-    if 2 * away > known:
+    away, count = np.count_nonzero(towards > 0), np.count_nonzero(normal.any(-1))
+    if 2 * away > count:
         raise DatasetError(
-            f"{path}: {100 * away / known:.0f} % of its normals turn away from the camera in the axes of {frame}; try "
+            f"{path}: {100 * away / count:.0f} % of its normals turn away from the camera in the axes of {frame}; try "
             f"--normal-frame {other}"
         )
 
 
 def _check_range(path: Path, stored: np.ndarray) -> None:
     """Raise DatasetError for floats in [0, 1] that are no unit vectors: (n + 1) / 2, which only images hold."""
-    known = np.isfinite(stored).all(-1) & stored.any(-1)
-    vectors = stored[known].astype(np.float64)
+    valid = np.isfinite(stored).all(-1) & stored.any(-1)
+    vectors = stored[valid].astype(np.float64)
     if not len(vectors) or vectors.min() < 0 or vectors.max() > 1:
         return
     if abs(np.median(np.linalg.norm(vectors, axis=-1)) - 1) > NOT_UNIT:

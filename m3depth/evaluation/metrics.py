@@ -68,7 +68,7 @@ class StereoTruth(Protocol):
     meta: dict[str, Any]
 
 
-def known_depth(depth: np.ndarray) -> np.ndarray:
+def has_depth(depth: np.ndarray) -> np.ndarray:
     """Return where depth (...) [m] is finite and positive, (...) bool."""
     return np.isfinite(depth) & (depth > 0)
 
@@ -78,8 +78,8 @@ def capped_depth(depth: np.ndarray) -> np.ndarray:
 
     It is 80 m where `depth`, (...) [m], is unknown, infinite or not positive.
     """
-    known = known_depth(depth)
-    return np.clip(np.where(known, depth, DEPTH_CAP).astype(np.float64), DEPTH_FLOOR, DEPTH_CAP)
+    valid = has_depth(depth)
+    return np.clip(np.where(valid, depth, DEPTH_CAP).astype(np.float64), DEPTH_FLOOR, DEPTH_CAP)
 
 
 def depth_terms(
@@ -105,7 +105,7 @@ def depth_terms(
     return np.stack(
         [
             error / true, error**2 / true, error**2, np.abs(np.log10(predicted / true)),
-            ratio < 1.25, ratio < 1.25**2, ratio < 1.25**3, error, off, off > 1, off > 3, known_depth(depth),
+            ratio < 1.25, ratio < 1.25**2, ratio < 1.25**3, error, off, off > 1, off > 3, has_depth(depth),
         ],
         axis=-1,
     )  # fmt: skip
@@ -127,13 +127,13 @@ def angle_between(predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
     u, v, w = (true[..., i].astype(np.float64) for i in range(3))
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.sqrt(x * x + y * y + z * z)
-        known = np.isfinite(length) & (length > 1e-6)
-        scale = np.sqrt(u * u + v * v + w * w) / np.where(known, length, 1)  # makes both as long as `true`
+        valid = np.isfinite(length) & (length > 1e-6)
+        scale = np.sqrt(u * u + v * v + w * w) / np.where(valid, length, 1)  # makes both as long as `true`
         x, y, z = x * scale, y * scale, z * scale
         apart = (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2
         together = (x + u) ** 2 + (y + v) ** 2 + (z + w) ** 2
         angle = np.degrees(2 * np.arctan2(np.sqrt(apart), np.sqrt(together)))
-    return np.where(known, angle, 180.0)
+    return np.where(valid, angle, 180.0)
 
 
 def normal_terms(angle: np.ndarray) -> np.ndarray:
@@ -152,8 +152,8 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
         sample: The ground truth.
         max_disparity: Pixels of a larger true disparity [px] are "near".
     """
-    known = sample.valid & known_depth(sample.depth)
-    scored = known & (sample.disparity <= max_disparity)
+    valid = sample.valid & has_depth(sample.depth)
+    scored = valid & (sample.disparity <= max_disparity)
     slab = on_slab(sample)
     return {
         "all": scored,
@@ -164,7 +164,7 @@ def pixel_kinds(sample: StereoTruth, max_disparity: float = MAX_DISPARITY) -> di
         "ground": scored & (sample.rock == 0),
         "rover": scored & (sample.rock < 0),
         "texture_poor": scored & texture_poor(sample.left),
-        "near": known & (sample.disparity > max_disparity),
+        "near": valid & (sample.disparity > max_disparity),
     }
 
 

@@ -183,19 +183,19 @@ class RecordedPredictions:
         values = stored.astype(np.float32) / np.float32(scale)
         with np.errstate(invalid="ignore"):
             if self.kind == "depth":
-                known = (values > 0) & (np.isfinite(values) | (path.suffix != ".pfm"))
+                valid = (values > 0) & (np.isfinite(values) | (path.suffix != ".pfm"))
             else:
-                known = np.isfinite(values) & (values >= 0)
+                valid = np.isfinite(values) & (values >= 0)
         if path.suffix == ".png":
-            known &= stored > 0
-        values = np.where(known, values, np.float32(np.nan))
+            valid &= stored > 0
+        values = np.where(valid, values, np.float32(np.nan))
         if self.kind == "disparity" and shift and not path.with_name(RECORD).is_file():
             with np.errstate(invalid="ignore"):  # what is then beyond infinity counts as infinitely far
                 values = np.where(values > 0, np.maximum(values + np.float32(shift), 0), values)
         if self.kind == "disparity":
-            disparity, depth = values, np.where(known, rig.disparity_to_depth(values), np.float32(np.nan))
+            disparity, depth = values, np.where(valid, rig.disparity_to_depth(values), np.float32(np.nan))
         else:
-            disparity, depth = np.where(known, rig.depth_to_disparity(values), np.float32(np.nan)), values
+            disparity, depth = np.where(valid, rig.depth_to_disparity(values), np.float32(np.nan)), values
         normal, confidence = (self._beside(path, what) for what in BESIDE)
         prediction = Prediction(
             depth,

@@ -254,10 +254,10 @@ def _confidence(results: Results) -> list[str]:
     rows = []
     for name, r in results.items():
         if curve := r["sparsification"]:
-            here, tenth, third = (curve["dropped"].index(share) for share in (0.0, 0.1, 0.3))
+            whole, tenth, third = (curve["dropped"].index(share) for share in (0.0, 0.1, 0.3))
             figures: dict[str, float] = {}
             for key in ("bad1", "epe"):
-                figures |= {f"{key} {i}": curve[key][i] for i in (here, tenth, third)}
+                figures |= {f"{key} {i}": curve[key][i] for i in (whole, tenth, third)}
                 figures |= {f"oracle {key} {i}": curve[f"oracle_{key}"][i] for i in (tenth, third)}
             names = list(figures)
             rows.append([name, *_figures(figures, names), *_figures(curve, ["ause_bad1", "ause_epe"])])

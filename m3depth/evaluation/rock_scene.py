@@ -110,14 +110,14 @@ def rock_scene(sample: RockTruth) -> RockScene | None:
     on_rock = sample.rock > 0
     visible = np.isfinite(sample.depth) & (sample.depth > 0)
     open_ground = visible & (sample.rock == 0)
-    known = _mean_heights(rays[open_ground] * sample.depth[open_ground][:, None])
-    if np.isnan(known).all():
+    ground = _mean_heights(rays[open_ground] * sample.depth[open_ground][:, None])
+    if np.isnan(ground).all():
         return None
     reach = np.ones((2 * ROCK_RIM + 1,) * 2, np.uint8)
     on_rover = visible & (sample.rock < 0)  # in maps of surface ids, the sky is below 0 too
     near_rock = cv2.dilate((on_rock | on_rover).astype(np.uint8), reach) > 0
-    rocks, edges = _measure(sample, rays, known, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
-    return RockScene(rays, sample.depth, camera.fy, _nearest(known), near_rock, rocks, edges)
+    rocks, edges = _measure(sample, rays, ground, on_rock & visible & (sample.depth <= 1.5 * MAX_DEPTH))
+    return RockScene(rays, sample.depth, camera.fy, _nearest(ground), near_rock, rocks, edges)
 
 
 def _cells(points: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.evaluation.metrics import known_depth
+from m3depth.evaluation.metrics import has_depth
 from marssim.base.camera import MAX_DEPTH
 
 ROOTS = frozenset({"rmse"})  # terms whose mean is a mean square
@@ -135,12 +135,12 @@ class SkyCounts:
             depth: (H, W) predicted depth [m].
             truth: (H, W) true depth [m], inf for sky, NaN where it is unknown.
         """
-        sky, known = np.isposinf(truth), known_depth(depth)
+        sky, measured = np.isposinf(truth), has_depth(depth)
         with np.errstate(invalid="ignore"):
             near_ground = (truth > 0) & (truth < NEAR_GROUND)
         self.pixels += int(sky.sum())
-        self.near += int((known & (depth < MAX_DEPTH) & sky).sum())
-        self.missed += int((known & sky).sum())
+        self.near += int((measured & (depth < MAX_DEPTH) & sky).sum())
+        self.missed += int((measured & sky).sum())
         self.ground += int(near_ground.sum())
         self.ground_as_sky += int((np.isposinf(depth) & near_ground).sum())
 

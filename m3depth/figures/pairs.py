@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import known_depth
+from m3depth.evaluation.metrics import has_depth
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, panel_aspect, save, show
 from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 
@@ -66,7 +66,7 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
         if has_normals:
             show(row[5], normal_image(truth.normal))
         if prediction.normal is not None:
-            show(row[6], normal_image(np.where(known_depth(prediction.depth)[..., None], prediction.normal, 0)))
+            show(row[6], normal_image(np.where(has_depth(prediction.depth)[..., None], prediction.normal, 0)))
     for ax, name in zip(axes[0], columns, strict=True):
         ax.set_title(name, fontsize=10)
     figure.text(0.36 / width, 0.46 / height, legend, fontsize=8, va="top")

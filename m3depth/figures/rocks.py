@@ -33,19 +33,19 @@ def rocks_figure(methods: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     ranges = sorted({(b["range_from_m"], b["range_to_m"]) for b in bins})
     axes = figure.subplots(3, len(ranges), squeeze=False, sharey="row")
     for column, (near, far) in enumerate(ranges):
-        here = {name: [b for b in m["bins"] if b["range_from_m"] == near] for name, m in methods.items()}
-        first = next(iter(here.values()))
+        by_method = {name: [b for b in m["bins"] if b["range_from_m"] == near] for name, m in methods.items()}
+        first = next(iter(by_method.values()))
         labels = [_height(b) + f"\n{b['rocks']} rocks" for b in first]
         images = next(iter(methods.values()))["images"]
-        _bars(axes[0, column], labels, {n: [_percent(b["found_share"]) for b in rows] for n, rows in here.items()})
+        _bars(axes[0, column], labels, {n: [_percent(b["found_share"]) for b in rows] for n, rows in by_method.items()})
         axes[0, column].set_title(f"{near:g} to {far:g} m away")
         axes[0, column].set_ylim(0, 105)
-        errors = {n: [_centimetres(b["height_error_m"]) for b in rows] for n, rows in here.items()}
+        errors = {n: [_centimetres(b["height_error_m"]) for b in rows] for n, rows in by_method.items()}
         _bars(axes[1, column], [_height(b) for b in first], errors)
         tall = [i for i, b in enumerate(first) if b["height_from_m"] >= lowest]
         false = {
             n: [b["false"] / images * 100 if i in tall else np.nan for i, b in enumerate(rows)]
-            for n, rows in here.items()
+            for n, rows in by_method.items()
         }
         _bars(axes[2, column], [_height(b) if i in tall else "" for i, b in enumerate(first)], false)
     if not any(bar.get_height() > 0 for ax in axes[2] for bar in ax.patches):

@@ -47,10 +47,10 @@ class MethodMaps:
     normal: np.ndarray | None
 
     @classmethod
-    def of(cls, prediction: Prediction) -> MethodMaps:
+    def from_prediction(cls, prediction: Prediction) -> MethodMaps:
         """Return the maps of a prediction; what the method filled in without a match is unknown."""
-        known = unknown_where(without_sky_normals(prediction), unmeasured(prediction))
-        return cls(_reduced(known.depth), None if known.normal is None else _reduced(known.normal))
+        measured = unknown_where(without_sky_normals(prediction), unmeasured(prediction))
+        return cls(_reduced(measured.depth), None if measured.normal is None else _reduced(measured.normal))
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class PairMaps:
     maps: Mapping[str, MethodMaps]
 
     @classmethod
-    def of(cls, name: str, left: np.ndarray, predictions: Mapping[str, Prediction]) -> PairMaps:
+    def from_predictions(cls, name: str, left: np.ndarray, predictions: Mapping[str, Prediction]) -> PairMaps:
         """Return what the figure keeps of a pair.
 
         Args:
@@ -78,7 +78,9 @@ class PairMaps:
         """
         image = in_colour(left)
         small = cv2.resize(image, _size(image), interpolation=cv2.INTER_AREA)
-        return cls(name, small, {method: MethodMaps.of(prediction) for method, prediction in predictions.items()})
+        return cls(
+            name, small, {method: MethodMaps.from_prediction(prediction) for method, prediction in predictions.items()}
+        )
 
 
 def draw_side_by_side(
@@ -99,7 +101,7 @@ def draw_side_by_side(
     shown = []
     for pair in (pairs[i] for i in spread(len(pairs), SHOWN)):
         images = pair.read()
-        shown.append(PairMaps.of(pair.name, images.left, predictions_of(methods, images, align_rows)))
+        shown.append(PairMaps.from_predictions(pair.name, images.left, predictions_of(methods, images, align_rows)))
     side_by_side_figure(shown, path)
 
 

@@ -149,22 +149,22 @@ def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
             normal = by_rows(facing_normals, normal, pixel_rays(camera_row(rig, normal.device), *size))
     assert disparity is not None and certain is not None
     disparity, certain = disparity[0, 0], certain[0, 0]
-    known = disparity.isfinite() & certain.isfinite()
+    valid = disparity.isfinite() & certain.isfinite()
     if normal is not None:
-        known &= normal[0].isfinite().all(0)
+        valid &= normal[0].isfinite().all(0)
     candidates = disparity < MIN_DISPARITY
     if sky_logit is not None:
-        known &= sky_logit[0, 0].isfinite()
+        valid &= sky_logit[0, 0].isfinite()
         candidates |= sky_logit[0, 0] > 0
-    may_be, far, sure = (x.cpu().numpy() for x in (candidates & known, disparity, certain))
+    may_be, far, sure = (x.cpu().numpy() for x in (candidates & valid, disparity, certain))
     sky = torch.from_numpy(possible_sky(may_be, far, sure, rig.camera)).to(disparity.device)
-    known &= sky | (disparity >= MIN_DISPARITY)  # where no sky can be, nothing is as far
-    disparity = disparity.masked_fill(sky, 0.0).masked_fill_(~known, torch.nan)
+    valid &= sky | (disparity >= MIN_DISPARITY)  # where no sky can be, nothing is as far
+    disparity = disparity.masked_fill(sky, 0.0).masked_fill_(~valid, torch.nan)
     depth = disparity_to_depth(disparity, rig.fb)
     disparity.masked_fill_(depth.isinf(), 0.0)
-    certain = certain.masked_fill(~known, 0.0)
+    certain = certain.masked_fill(~valid, 0.0)
     if normal is not None:
-        normal = normal[0].permute(1, 2, 0).contiguous().masked_fill_(~known[..., None], torch.nan)
+        normal = normal[0].permute(1, 2, 0).contiguous().masked_fill_(~valid[..., None], torch.nan)
     depth_map, disparity_map, certain_map = (x.cpu().numpy() for x in (depth, disparity, certain))
     return Prediction(depth_map, disparity_map, None if normal is None else normal.cpu().numpy(), certain_map)
 

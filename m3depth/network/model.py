@@ -24,7 +24,7 @@ from m3depth.weights.config_json import kind_of
 from m3depth.weights.storage import load_weights
 
 
-class First(NamedTuple):
+class InitialMaps(NamedTuple):
     """The maps of a pair that the refinement starts from, found in its cost volume or on a smaller pair.
 
     Attributes:
@@ -151,7 +151,7 @@ class M3Depth(StereoNetwork):
         if start is None:
             first = self._match(features, camera, call)
         else:
-            first = First(padded(start.disparity, multiple), padded(start.normal, multiple), start.context, 1)
+            first = InitialMaps(padded(start.disparity, multiple), padded(start.normal, multiple), start.context, 1)
         count = self.config.refine_steps if start is None else self.config.finer_steps
         maps, steps = self._refine(features, left8, first, camera, count, call)
         maps = maps[..., :height, :width]
@@ -166,7 +166,7 @@ class M3Depth(StereoNetwork):
             context = fitted(context, -(-height // VOLUME_STEP), -(-width // VOLUME_STEP))
         return StereoOutput(maps[:, :1], normal, maps[:, 4:5], maps[:, 5:6], initial, steps, context)
 
-    def _match(self, features: Features, camera: Tensor, call: Caller) -> First:
+    def _match(self, features: Features, camera: Tensor, call: Caller) -> InitialMaps:
         """Find disparity and normals in the cost volume, by soft argmin and SNNet.
 
         Args:
@@ -185,10 +185,10 @@ class M3Depth(StereoNetwork):
         # An exported graph keeps the size of the features free, but would fix that of the disparity.
         rays = pixel_rays(scale_camera(camera, cell), *(side * VOLUME_STEP // cell for side in left8.shape[-2:]))
         normal = call(self.normals, volume, left8, rays)  # (B, 3, H / cell, W / cell)
-        return First(disparity, normal, None if context is None else resize(context, left8.shape[-2:]), cell)
+        return InitialMaps(disparity, normal, None if context is None else resize(context, left8.shape[-2:]), cell)
 
     def _refine(
-        self, features: Features, left8: Tensor, first: First, camera: Tensor, count: int, call: Caller
+        self, features: Features, left8: Tensor, first: InitialMaps, camera: Tensor, count: int, call: Caller
     ) -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
         """Bring the first maps to full size, by the refinement and the fine correction where the network has them.
 

@@ -110,7 +110,7 @@ class StereoOutput(NamedTuple):
     steps: list[tuple[Tensor, Tensor]]
     context: Tensor | None = None
 
-    def of(self, index: int) -> StereoOutput:
+    def pair(self, index: int) -> StereoOutput:
         """Return the final maps and the context of one pair of the batch, as a batch of one."""
         one = slice(index, index + 1)
         maps = self.disparity[one], self.normal[one], self.confidence[one], self.sky[one]

@@ -232,7 +232,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     if options.cloud_frame == "world" and not any(map(inputs.has_pose, inputs.pairs)):
         raise ValueError("--cloud-frame world needs poses: give --poses")
     is_whole = all(_is_done(options, pair) for pair in inputs.pairs)
-    method = None if is_whole else Method.of(options, estimator)
+    method = None if is_whole else Method.from_options(options, estimator)
     with folder.claim(pairs=len(inputs.pairs)), stop_on_signal() as signals:
         try:
             batch = _predict_remaining(options, inputs, method, signals)

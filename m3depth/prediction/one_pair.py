@@ -40,7 +40,7 @@ class Method:
     record: dict[str, Any]
 
     @classmethod
-    def of(cls, options: PredictOptions, estimator: Estimator | None = None) -> Method:
+    def from_options(cls, options: PredictOptions, estimator: Estimator | None = None) -> Method:
         """Load the method that the flags name, or take the given one instead.
 
         Raises:

@@ -95,8 +95,8 @@ def fitting(cameras: PosedPair, left: RawImage, right: RawImage) -> PosedPair:
 
     def sized(camera: PosedCamera, image: RawImage) -> PosedCamera:
         if camera.size is not None and camera.size != image.size:
-            theirs, ours = (f"{size[0]} x {size[1]}" for size in (camera.size, image.size))
-            raise ValueError(f"{image.path}: is {ours} px, the calibration is for images of {theirs}")
+            expected, actual = (f"{size[0]} x {size[1]}" for size in (camera.size, image.size))
+            raise ValueError(f"{image.path}: is {actual} px, the calibration is for images of {expected}")
         return replace(camera, size=image.size)
 
     return PosedPair(sized(cameras.left, left), sized(cameras.right, right))
@@ -140,7 +140,7 @@ def rectify_pair(
             return unchanged
         return rectifying(getattr(cameras, eye), getattr(target, eye), target.rotation)
 
-    known = view.left.fx if view is not None else focal or math.inf
+    focal_length = view.left.fx if view is not None else focal or math.inf
     left_source = source("left", view)
     first = resample(left.pixels, left.valid, left_source, given, reduction)
     removed: RowCorrection | None = None
@@ -148,7 +148,7 @@ def rectify_pair(
     second = resample(right.pixels, right.valid, right_source, given, reduction)
     matches = None
     for turn in range(ROUNDS + 1 if align else 2):
-        fitted = _fitted(first, second, given, cameras is not None, 6 if align else 1, known)
+        fitted = _fitted(first, second, given, cameras is not None, 6 if align else 1, focal_length)
         if fitted is None:
             matches = None
             break

@@ -144,9 +144,9 @@ def fit_rows(
             return None
     terms = terms if agree.sum() >= 2 * LEAST_POINTS else min(terms, 3)
     fit, covariance = weighted_fit(columns[agree, :terms], distance[agree])
-    here = columns[agree, :terms]
-    error = float(np.sqrt(np.einsum("ni,ij,nj->n", here, covariance, here).mean()))
+    agreeing = columns[agree, :terms]
+    error = float(np.sqrt(np.einsum("ni,ij,nj->n", agreeing, covariance, agreeing).mean()))
     values = np.zeros(len(POWERS))
     values[:terms] = fit
-    size_ = float(np.sqrt(((here @ fit) ** 2).mean()))
+    size_ = float(np.sqrt(((agreeing @ fit) ** 2).mean()))
     return RowCorrection(tuple(float(v) for v in values), error, size_, middle, unit, focal), agree

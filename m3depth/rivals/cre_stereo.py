@@ -150,8 +150,8 @@ def adaptive_correlation(level: Level, displacement: Tensor, step: int) -> Tenso
     height, width = level.left.shape[-2:]
     rows = torch.arange(height, dtype=torch.float32, device=displacement.device)
     columns = torch.arange(width, dtype=torch.float32, device=displacement.device)
-    here = torch.stack([columns.expand(height, -1), rows[:, None].expand(-1, width)])  # (2, h, w)
-    place = here + displacement  # (B, 2, h, w)
+    grid = torch.stack([columns.expand(height, -1), rows[:, None].expand(-1, width)])  # (2, h, w)
+    place = grid + displacement  # (B, 2, h, w)
     offsets = window_offsets(step, place)
     if level.offsets is None:  # the window is that of the right features at the displacement, warped
         tall, wide = WINDOWS[step % 2]

@@ -25,8 +25,8 @@ def filled_prediction(prediction: Prediction, rig: StereoRig) -> Prediction:
     unknown = ~sky & ~(np.isfinite(prediction.depth) & np.isfinite(prediction.disparity) & (prediction.disparity > 0))
     if not unknown.any():
         return prediction
-    known = np.where(sky, 0, np.where(unknown, np.nan, prediction.disparity)).astype(prediction.disparity.dtype)
-    disparity = fill_background(known)
+    measured = np.where(sky, 0, np.where(unknown, np.nan, prediction.disparity)).astype(prediction.disparity.dtype)
+    disparity = fill_background(measured)
     depth = np.where(unknown & np.isfinite(disparity), rig.disparity_to_depth(disparity), prediction.depth)
     confidence = np.where(unknown, 0, prediction.confidence).astype(np.float32)
     normal = prediction.normal

@@ -27,9 +27,9 @@ def fitted_normals(disparity: np.ndarray, camera: PinholeCamera, window: int = N
         is unknown, where the known pixels of the window lie on one line, and where the plane would be seen from behind.
     """
     with np.errstate(invalid="ignore"):
-        known = np.isfinite(disparity) & (disparity > 0)
-    value = np.where(known, disparity, 0).astype(np.float64)
-    weight = known.astype(np.float32)  # sums of it are whole numbers, exact in 32 bit
+        valid = np.isfinite(disparity) & (disparity > 0)
+    value = np.where(valid, disparity, 0).astype(np.float64)
+    weight = valid.astype(np.float32)  # sums of it are whole numbers, exact in 32 bit
     offset = np.arange(window, dtype=np.float64) - window // 2
     powers = np.ones(window), offset, offset**2
 
@@ -41,7 +41,7 @@ def fitted_normals(disparity: np.ndarray, camera: PinholeCamera, window: int = N
     square = window * powers[2].sum()  # second moment of a window without gaps, whose mixed moments vanish
     # Slopes along u and v, and the value in the window's middle, which is f B / h times -n . ray.
     a, b, middle = xd / square, yd / square, d / window**2
-    gaps = known & (moment(weight, 0, 0) < window**2)
+    gaps = valid & (moment(weight, 0, 0) < window**2)
     if gaps.any():
         weights = [
             moment(weight, *power)[gaps].astype(np.float64)
@@ -54,7 +54,7 @@ def fitted_normals(disparity: np.ndarray, camera: PinholeCamera, window: int = N
     normal[..., 0] = -camera.fx * a
     normal[..., 1] = -camera.fy * b
     normal[..., 2] = a * u + b * v - middle
-    away = ~(known & (middle > 0))
+    away = ~(valid & (middle > 0))
     normal[away] = -rays[away]
     length = np.sqrt(normal[..., 0] ** 2 + normal[..., 1] ** 2 + normal[..., 2] ** 2)
     return (normal / length[..., None]).astype(np.float32)

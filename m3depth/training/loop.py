@@ -372,7 +372,7 @@ def finer_losses(
     model = plain(network)
     losses = []
     for band in batch.finer:
-        start = output.of(band.crop).start(*band.size).rows(band.top, band.left.shape[-2])
+        start = output.pair(band.crop).start(*band.size).rows(band.top, band.left.shape[-2])
         with autocast(band.left.device, dtype):
             finer = model(band.left, band.right, band.target.camera, start)
         losses.append(total_loss(finer, band.target, config.loss)[0])

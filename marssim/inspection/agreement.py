@@ -105,7 +105,9 @@ class BesideCentres:
         if (du, dv) not in self._traced:
             camera = self._camera
             rays = camera.rays() + np.array([du / camera.fx, dv / camera.fy, 0])
-            hits = self._tracer.trace(rays.reshape(-1, 3), self._pose, Footprint.of(camera, self._pose), sunlit=False)
+            hits = self._tracer.trace(
+                rays.reshape(-1, 3), self._pose, Footprint.from_camera(camera, self._pose), sunlit=False
+            )
             shape = (camera.height, camera.width)
             self._traced[du, dv] = hits.depth.reshape(shape), hits.surface.reshape(shape)
         return self._traced[du, dv]

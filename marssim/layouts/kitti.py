@@ -18,7 +18,7 @@ from marssim.layouts.layout import (
 KITTI_SCALE = 256  # uint16 steps for each pixel of disparity
 
 
-def kitti_code(disparity: np.ndarray, known: np.ndarray) -> np.ndarray:
+def kitti_code(disparity: np.ndarray, labelled: np.ndarray) -> np.ndarray:
     """Return disparity as KITTI stores it: 256 steps a pixel, 0 where it is unknown.
 
     Like the benchmark's own writer, it gives known disparities that are smaller than a step the code 1, and those that
@@ -26,13 +26,13 @@ def kitti_code(disparity: np.ndarray, known: np.ndarray) -> np.ndarray:
 
     Args:
         disparity: (H, W) [px].
-        known: (H, W) bool.
+        labelled: (H, W) bool, the pixels whose disparity is known.
 
     Returns:
         (H, W) uint16.
     """
     code = np.round(disparity.astype(np.float64) * KITTI_SCALE)
-    return np.where(known & (code <= 65535), np.maximum(code, 1), 0).astype(np.uint16)
+    return np.where(labelled & (code <= 65535), np.maximum(code, 1), 0).astype(np.uint16)
 
 
 def kitti_calibration(sample: StereoSample) -> str:
@@ -62,8 +62,8 @@ def _files(item: Item) -> dict[str, Content]:
     root, name = f"{item.split}/training", f"{item.number:06d}"
 
     def disparity(visible_only: bool) -> bytes:
-        known = item.known & ~item.sample.occluded if visible_only else item.known
-        return encode_png(kitti_code(item.sample.disparity, known))
+        labelled = item.labelled & ~item.sample.occluded if visible_only else item.labelled
+        return encode_png(kitti_code(item.sample.disparity, labelled))
 
     return {
         f"{root}/image_2/{name}_10.png": lambda: item.image("left.png"),

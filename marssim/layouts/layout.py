@@ -52,7 +52,7 @@ class Item:
         return read_sample(self.folder)
 
     @property
-    def known(self) -> np.ndarray:
+    def labelled(self) -> np.ndarray:
         """(H, W) bool, true where the disparity is known and positive: everywhere but in the sky and, if the right
         image lies too far right, on very far ground."""
         return np.isfinite(self.sample.depth) & (self.sample.disparity > 0)
@@ -101,12 +101,12 @@ def no_lists(split: str, items: Sequence[Item]) -> dict[str, str]:
 
 def dense_pfm(item: Item) -> bytes:
     """Encode the disparity [px] as PFM, with 0 in the sky, which is infinitely far."""
-    return encode_pfm(np.where(item.known, item.sample.disparity, 0))
+    return encode_pfm(np.where(item.labelled, item.sample.disparity, 0))
 
 
 def gapped_pfm(item: Item) -> bytes:
     """Encode the disparity [px] as PFM, with inf in the sky, as Middlebury marks unknown pixels."""
-    return encode_pfm(np.where(item.known, item.sample.disparity, np.inf))
+    return encode_pfm(np.where(item.labelled, item.sample.disparity, np.inf))
 
 
 def occlusion_png(item: Item) -> bytes:
@@ -116,4 +116,4 @@ def occlusion_png(item: Item) -> bytes:
 
 def visibility_png(item: Item) -> bytes:
     """Encode the visibility as PNG: 255 seen by both eyes, 128 hidden from the right eye, 0 unknown (sky)."""
-    return encode_png(np.where(item.known, np.where(item.sample.occluded, 128, 255), 0).astype(np.uint8))
+    return encode_png(np.where(item.labelled, np.where(item.sample.occluded, 128, 255), 0).astype(np.uint8))

@@ -18,16 +18,16 @@ from marssim.layouts.layout import (
 )
 
 
-def middlebury_calibration(sample: StereoSample, known: np.ndarray) -> str:
+def middlebury_calibration(sample: StereoSample, labelled: np.ndarray) -> str:
     """Return calib.txt of Middlebury 2014 and ETH3D: baseline in mm, depth = baseline f / (disparity + doffs).
 
     Args:
         sample: The sample, for its rig and its disparities.
-        known: (H, W) bool, the pixels that give the range of disparity, vmin to vmax [px].
+        labelled: (H, W) bool, the pixels that give the range of disparity, vmin to vmax [px].
     """
     camera = sample.rig.camera
-    disparity = sample.disparity[known]
-    low, high = (int(np.floor(disparity.min())), int(np.ceil(disparity.max()))) if known.any() else (0, 0)
+    disparity = sample.disparity[labelled]
+    low, high = (int(np.floor(disparity.min())), int(np.ceil(disparity.max()))) if labelled.any() else (0, 0)
     matrix = f"[{camera.fx:.10g} 0 {camera.cx:.10g}; 0 {camera.fy:.10g} {camera.cy:.10g}; 0 0 1]"
     return (
         f"cam0={matrix}\ncam1={matrix}\ndoffs=0\nbaseline={1000 * sample.rig.baseline:.10g}\n"
@@ -38,7 +38,7 @@ def middlebury_calibration(sample: StereoSample, known: np.ndarray) -> str:
 
 def calibration_file(item: Item) -> bytes:
     """Return calib.txt of an item as bytes."""
-    return middlebury_calibration(item.sample, item.known).encode()
+    return middlebury_calibration(item.sample, item.labelled).encode()
 
 
 def _middlebury_files(item: Item) -> dict[str, Content]:

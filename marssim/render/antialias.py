@@ -90,11 +90,11 @@ def _edge_pixels(depth, surface, detail, lit, colour):
         for column in range(width):
             left, right = max(column - 1, 0), min(column + 1, width - 1)
             inside = up < row < down and left < column < right
-            centre, z, here = surface[row, column], depth[row, column], colour[row * width + column, 0]
+            centre, z, brightness = surface[row, column], depth[row, column], colour[row * width + column, 0]
             edge = False
             for j, i in ((row, left), (row, right), (up, column), (down, column)):
                 beside = colour[j * width + i, 0]
-                if edge or not abs(here - beside) > contrast * (here + beside):
+                if edge or not abs(brightness - beside) > contrast * (brightness + beside):
                     continue
                 # only where the brightness changes is it worth while to look for what changes
                 edge = surface[j, i] != centre or abs(lit[j, i] - lit[row, column]) == one

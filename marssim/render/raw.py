@@ -139,13 +139,13 @@ class RawRenderer:
         rig = self.raw.rig
         if rover is not None:
             renderer = WithRover(renderer, RoverBody(rover, pose, rig.baseline), shader.light.sun)
-        footprint = Footprint.of(rig.camera, pose)
+        footprint = Footprint.from_camera(rig.camera, pose)
         turns = {"left": np.eye(3), "right": sensor.right_rotation(rig.camera)}
         light, ground = {}, None
         for eye, lens in self._lenses.items():
-            there = self.pose(eye, pose, turns[eye])
-            view = renderer.render(lens.ideal, there, footprint)
-            colour = light_at_detector(renderer, shader, lens.ideal, there, view, footprint, sensor.sun_glare)
+            eye_pose = self.pose(eye, pose, turns[eye])
+            view = renderer.render(lens.ideal, eye_pose, footprint)
+            colour = light_at_detector(renderer, shader, lens.ideal, eye_pose, view, footprint, sensor.sun_glare)
             light[eye] = lens.mean(colour)
             ground = lens.nearest(view.hit) if ground is None else ground
         assert ground is not None
@@ -164,7 +164,7 @@ def _tangents(camera: PosedCamera) -> np.ndarray:
 
 def _extremes(steps: np.ndarray) -> tuple[float, float]:
     """Return the least and the largest change (per pixel) of tangents in any direction, from (H, W, 2, 2) steps."""
-    known = steps[np.isfinite(steps).all(axis=(-2, -1))]
-    squares, determinant = (known**2).sum(axis=(-2, -1)), np.abs(np.linalg.det(known))
+    finite = steps[np.isfinite(steps).all(axis=(-2, -1))]
+    squares, determinant = (finite**2).sum(axis=(-2, -1)), np.abs(np.linalg.det(finite))
     largest = np.sqrt((squares + np.sqrt(np.maximum(squares**2 - 4 * determinant**2, 0))) / 2)
     return float((determinant / largest).min()), float(largest.max())

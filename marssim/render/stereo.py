@@ -59,14 +59,14 @@ def render_stereo(
     rotation = sensor.right_rotation(rig.camera)
     right_pose = rig.right_pose(pose)
     right_pose[:3, :3] @= rotation
-    footprint = Footprint.of(rig.camera, pose)
+    footprint = Footprint.from_camera(rig.camera, pose)
 
-    def seen(pose: np.ndarray) -> tuple[GBuffer, np.ndarray]:
+    def rendered(pose: np.ndarray) -> tuple[GBuffer, np.ndarray]:
         view = renderer.render(rig.camera, pose, footprint)
         colour = light_at_detector(renderer, shader, rig.camera, pose, view, footprint, sensor.sun_glare)
         return replace(view, shading_normal=SHADED, detail=SHADED), colour
 
-    (left_view, left), (right_view, right) = _both(seen, (pose, right_pose), at_once)
+    (left_view, left), (right_view, right) = _both(rendered, (pose, right_pose), at_once)
 
     def images() -> tuple[np.ndarray, np.ndarray]:
         return sensor.expose_pair(left, right, left_view.hit, rng)
@@ -132,7 +132,7 @@ def occlusion(
         right_view.depth, (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
     )  # fmt: skip
     if len(at):
-        met = renderer.trace(towards, right_pose, Footprint.of(camera, pose), sunlit=False)
+        met = renderer.trace(towards, right_pose, Footprint.from_camera(camera, pose), sunlit=False)
         hidden[at] = met.depth < depth * (1 - SAME_POINT)
     return hidden.reshape(view.depth.shape)
 

@@ -179,8 +179,8 @@ def file_digest(path: str) -> str:
 
 def check_digest(path: str, digest: str) -> None:
     """Raise ValueError, which names the file, if a heightmap has another SHA-256, or cannot be read."""
-    if (found := file_digest(path)) != digest:
-        raise ValueError(f"{FIELD} {path}: its SHA-256 is {found}, not {digest}")
+    if (actual := file_digest(path)) != digest:
+        raise ValueError(f"{FIELD} {path}: its SHA-256 is {actual}, not {digest}")
 
 
 @lru_cache(maxsize=8)

@@ -159,7 +159,7 @@ def build_scene(
     traits = draw_traits(config.outcrop, outcrop_rng)
     place = half, config.horizon, terrain.height_at
     slabs, ledges = _plates(config.outcrop, traits, *place, clear, outcrop_rng)
-    lift = Tops.of([*ledges, *slabs], half).lift if ledges or slabs else None
+    lift = Tops.from_plates([*ledges, *slabs], half).lift if ledges or slabs else None
     rocks = build_rocks(config.rocks, *place, rock_rng, clear, lift)
     most = MAX_BODIES - len(rocks) - _number([*ledges, *slabs])
     fragments = draw_fragments(rocks, [*ledges, *slabs], traits, half, terrain.height_at, lift, most, outcrop_rng)

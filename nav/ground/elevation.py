@@ -177,15 +177,15 @@ class ElevationMap:
         if other.config.cell != cell:
             raise ValueError(f"the other map must have cells of {cell:g} m, got {other.config.cell:g} m")
         dx, dy = (int(shift) for shift in np.round((self.origin - other.origin) / cell))
-        here = np.s_[max(0, -dy) : max(0, other.n - dy), max(0, -dx) : max(0, other.n - dx)]
-        rows, columns = self.top[here].shape
-        there = np.s_[max(0, dy) : max(0, dy) + rows, max(0, dx) : max(0, dx) + columns]
-        finite = np.isfinite(other.top[there]) & np.isfinite(other.low[there])
-        fill = ~self.measured[here] & other.measured[there] & finite
+        target = np.s_[max(0, -dy) : max(0, other.n - dy), max(0, -dx) : max(0, other.n - dx)]
+        rows, columns = self.top[target].shape
+        source = np.s_[max(0, dy) : max(0, dy) + rows, max(0, dx) : max(0, dx) + columns]
+        finite = np.isfinite(other.top[source]) & np.isfinite(other.low[source])
+        fill = ~self.measured[target] & other.measured[source] & finite
         for name in LAYERS:
-            layer = getattr(self, name)[here]
-            layer[fill] = getattr(other, name)[there][fill]
-        self.from_prior[here] |= fill
+            layer = getattr(self, name)[target]
+            layer[fill] = getattr(other, name)[source][fill]
+        self.from_prior[target] |= fill
 
     def assume_flat(self, pose: np.ndarray, radius: float) -> None:
         """Fill the unknown cells around the rover with the plane that it stands on.

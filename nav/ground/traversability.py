@@ -117,7 +117,7 @@ def distance_to(mask: np.ndarray, cell: float) -> np.ndarray:
     return euclidean_distance(~mask) * cell - cell / 2
 
 
-def ground_surface(low: np.ndarray, known: np.ndarray, window: int) -> np.ndarray:
+def ground_surface(low: np.ndarray, measured: np.ndarray, window: int) -> np.ndarray:
     """Return the ground without the rocks: a grey opening of the low heights, which leaves any plane as it is.
 
     A window counts only if at least a fifth of it is known; otherwise the top of a rock, surrounded by nothing but its
@@ -125,7 +125,7 @@ def ground_surface(low: np.ndarray, known: np.ndarray, window: int) -> np.ndarra
 
     Args:
         low: (n, n) float32 heights [m], any value where not known.
-        known: (n, n) bool.
+        measured: (n, n) bool.
         window: Side of the window [cells], odd.
 
     Returns:
@@ -133,21 +133,21 @@ def ground_surface(low: np.ndarray, known: np.ndarray, window: int) -> np.ndarra
     """
     kernel = _square(window)
     far = np.float32(1e6)
-    floor = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=1e6)
-    share = cv2.boxFilter(known.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT)
+    floor = cv2.erode(np.where(measured, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=1e6)
+    share = cv2.boxFilter(measured.astype(np.float32), -1, (window, window), borderType=cv2.BORDER_CONSTANT)
     supported = np.where((share >= MEASURED_SHARE) & (floor < far), floor, -far)
     opened = cv2.dilate(supported, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=-1e6)
-    return np.where(known, np.where(opened > -far, opened, floor), np.nan).astype(np.float32)
+    return np.where(measured, np.where(opened > -far, opened, floor), np.nan).astype(np.float32)
 
 
-def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) -> tuple[np.ndarray, np.ndarray]:
+def fit_planes(height: np.ndarray, measured: np.ndarray, window: int, cell: float) -> tuple[np.ndarray, np.ndarray]:
     """Return slope and RMS residual of the least-squares plane through the known cells of each window.
 
     Exact for planes with any gaps, by moments.
 
     Args:
         height: (n, n) heights [m].
-        known: (n, n) bool.
+        measured: (n, n) bool.
         window: Side of the window [cells], odd.
         cell: Edge of a cell [m].
 
@@ -161,9 +161,9 @@ def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) 
     def total(values: np.ndarray) -> np.ndarray:
         return cv2.boxFilter(values, cv2.CV_64F, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
 
-    m = known.astype(np.float64)
-    offset = float(np.mean(height[known])) if known.any() else 0.0
-    z = np.where(known, height - offset, 0.0).astype(np.float64)
+    m = measured.astype(np.float64)
+    offset = float(np.mean(height[measured])) if measured.any() else 0.0
+    z = np.where(measured, height - offset, 0.0).astype(np.float64)
     x, y = (np.arange(columns) * cell)[None, :], (np.arange(rows) * cell)[:, None]
     s, sx, sy, sz = total(m), total(m * x), total(m * y), total(z)
     count = np.maximum(s, 1)
@@ -185,13 +185,13 @@ def fit_planes(height: np.ndarray, known: np.ndarray, window: int, cell: float) 
 
 
 def _footprint_planes(
-    ground: np.ndarray, known: np.ndarray, window: float, cell: float
+    ground: np.ndarray, measured: np.ndarray, window: float, cell: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return fit_planes on cells of twice the size: bare ground is smooth, and it is a quarter of the work."""
     rows, columns = ground.shape[0] // 2 * 2, ground.shape[1] // 2 * 2
-    height = np.where(known, ground, 0)[:rows, :columns]
+    height = np.where(measured, ground, 0)[:rows, :columns]
     corners = [np.s_[i::2, j::2] for i in (0, 1) for j in (0, 1)]
-    valid = known[:rows, :columns]
+    valid = measured[:rows, :columns]
     number = sum(valid[at].astype(np.float32) for at in corners)
     mean = sum(height[at] for at in corners) / np.maximum(number, 1)
     planes = fit_planes(mean, np.asarray(number > 0), _odd(window, 2 * cell), 2 * cell)
@@ -199,7 +199,7 @@ def _footprint_planes(
     for plane in planes:
         full = np.full(ground.shape, np.nan, np.float32)
         full[:rows, :columns] = plane.repeat(2, axis=0).repeat(2, axis=1)
-        out.append(np.where(known, full, np.nan))
+        out.append(np.where(measured, full, np.nan))
     return out[0], out[1]
 
 

@@ -46,8 +46,8 @@ class StanceModel:
         spec = self.spec
         hubs = spec.wheel_positions[:, :2]
         wheel = self._sample(self._wheel, poses, hubs)
-        known = np.asarray((wheel > -1e5).all(axis=-1))
-        wheel = np.where(known[..., None], wheel, 0.0)
+        on_map = np.asarray((wheel > -1e5).all(axis=-1))
+        wheel = np.where(on_map[..., None], wheel, 0.0)
         side = wheel.reshape(*wheel.shape[:-1], 3, 2)  # front, middle, rear by left, right
         front, back = side[..., 0, :], (side[..., 1, :] + side[..., 2, :]) / 2
         axles = spec.wheel_x
@@ -58,7 +58,7 @@ class StanceModel:
         ahead, across = self._under[:, 0] - np.mean(axles), self._under[:, 1]  # from the middle of the six wheels
         floor = wheel.mean(axis=-1)[..., None] + rise[..., None] * ahead + bank[..., None] * across
         room = (floor + spec.belly_clearance - self._sample(self._belly, poses, self._under)).min(axis=-1)
-        return Stance(np.where(known, tilt, 0.0), np.where(known, room, np.inf))
+        return Stance(np.where(on_map, tilt, 0.0), np.where(on_map, room, np.inf))
 
     def _sample(self, surface: np.ndarray, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the surface [m] under body points (k, 2) at poses (..., 3): (..., k), -1e6 where nothing was seen."""

@@ -239,7 +239,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
 
 def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:
     """Return raw pairs as pairs that are rectified when they are read. Raises ValueError as RawPairs.of."""
-    rectification = RawPairs.of(options, inputs.pairs[0].left)
+    rectification = RawPairs.from_options(options, inputs.pairs[0].left)
     pairs = tuple(rectification.named(pair, options.out) for pair in inputs.pairs)
     return replace(inputs, pairs=pairs, rectification=rectification)
 
@@ -276,8 +276,8 @@ def _without_layout(options: PredictOptions) -> Inputs | None:
     if (source / "left.png").is_file() and (source / "right.png").is_file():
         return Inputs((PairInput("", source / "left.png", source / "right.png"),), single=True)
     if options.format == "auto" and any(source.glob(f"*/{RIG_FILE}")) and any(source.glob("*/left.png")):
-        found = sorted(partners(source, ("*/left.png", "*/right.png")), key=numbers_by_value)
-        pairs = (PairInput(a.parent.name, a, b) for a, b in found)
+        images = sorted(partners(source, ("*/left.png", "*/right.png")), key=numbers_by_value)
+        pairs = (PairInput(a.parent.name, a, b) for a, b in images)
         return Inputs(tuple(_numbered(pairs)))
     if options.format == "auto" and (products := find_products(source)):
         return Inputs(tuple(_numbered(PairInput(left.stem, left, right) for left, right in products)))

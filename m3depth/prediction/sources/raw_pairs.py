@@ -90,7 +90,7 @@ class RawPairs:
     keeps_geometry: bool
 
     @classmethod
-    def of(cls, options: PredictOptions, left: Path) -> RawPairs:
+    def from_options(cls, options: PredictOptions, left: Path) -> RawPairs:
         """Return what the flags of m3depth.predict ask for.
 
         Args:

@@ -55,7 +55,7 @@ def _of_image(values: Any, name: str, message: Any) -> tuple[np.ndarray, tuple[i
         int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height), int(message.binning_x),
         int(message.binning_y),
     )  # fmt: skip
-    return part.of(matrix, (int(message.width), int(message.height)))
+    return part.cropped(matrix, (int(message.width), int(message.height)))
 
 
 def rectifies_to_another_camera(message: Any) -> bool:

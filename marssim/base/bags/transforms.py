@@ -83,8 +83,8 @@ class Transforms:
         """
         around = self._chain(frame)[1:]
         for name in ROVER_FRAMES:
-            if found := [outer for outer in around if _last(outer) == name]:
-                return found[-1]
+            if frames := [outer for outer in around if _last(outer) == name]:
+                return frames[-1]
         return None
 
     def world(self, frame: str) -> str | None:

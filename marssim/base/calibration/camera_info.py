@@ -65,7 +65,7 @@ class ImagePart:
     binning_x: int = 0
     binning_y: int = 0
 
-    def of(self, matrix: np.ndarray, size: tuple[int, int] | None) -> tuple[np.ndarray, tuple[int, int] | None]:
+    def cropped(self, matrix: np.ndarray, size: tuple[int, int] | None) -> tuple[np.ndarray, tuple[int, int] | None]:
         """Return K (3, 3) or P (3, 4) of the images, and their width and height [px].
 
         Args:
@@ -104,7 +104,7 @@ def parse_camera_info(text: str) -> CameraInfo:
     projection = _matrix(text, _PROJECTION, "projection_matrix", (3, 4))
     if not projection[0, 0] > 0:
         raise ValueError("projection_matrix has no positive focal length: the camera is not calibrated")
-    return CameraInfo(*_image_part(text).of(projection, _size(text)))
+    return CameraInfo(*_image_part(text).cropped(projection, _size(text)))
 
 
 def parse_raw_camera(text: str) -> PosedCamera:
@@ -114,7 +114,7 @@ def parse_raw_camera(text: str) -> PosedCamera:
         ValueError: Something is missing or malformed; the message says what.
     """
     info = parse_camera_info(text)
-    k = _image_part(text).of(_matrix(text, _CAMERA, "camera_matrix", (3, 3)), None)[0]
+    k = _image_part(text).cropped(_matrix(text, _CAMERA, "camera_matrix", (3, 3)), None)[0]
     name = re.search(r"^[ \t]*distortion_model[ \t]*:[ \t]*[\"']?(\w*)", text, re.MULTILINE)
     model = name[1] if name else ""
     if model and model not in MODELS:
@@ -181,11 +181,11 @@ def _items(match: re.Match[str]) -> list[str]:
 
 
 def _image_part(text: str) -> ImagePart:
-    found = {
+    matches = {
         name: re.search(rf"^[ \t]*{name}[ \t]*:[ \t]*(\d+)", text, re.MULTILINE)
         for name in ("x_offset", "y_offset", "binning_x", "binning_y")
     }
-    values = {name: int(match[1]) for name, match in found.items() if match}
+    values = {name: int(match[1]) for name, match in matches.items() if match}
     if (region := re.search(r"^[ \t]*roi[ \t]*:", text, re.MULTILINE)) is not None:
         sides = _size(text[region.end() :])
         values |= {} if sides is None else {"width": sides[0], "height": sides[1]}

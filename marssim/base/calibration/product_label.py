@@ -121,16 +121,16 @@ def pixel_constants(values: Mapping[str, object], sample: np.dtype | None) -> tu
     Raises:
         ValueError: A constant is no number. The message names the field.
     """
-    found = set()
+    constants = set()
     for name, content in values.items():
         for text in content if isinstance(content, list) else [content]:
             if str(text).strip().upper() in NO_VALUE:
                 continue
             try:
-                found.add(_constant(str(text).strip(), sample))
+                constants.add(_constant(str(text).strip(), sample))
             except (ValueError, OverflowError):
                 raise ValueError(f"field {name} must hold numbers only, has {str(text).strip()[:40]!r}") from None
-    return tuple(sorted(value for value in found if np.isfinite(value)))
+    return tuple(sorted(value for value in constants if np.isfinite(value)))
 
 
 def _constant(text: str, sample: np.dtype | None) -> float:

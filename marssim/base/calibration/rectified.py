@@ -245,18 +245,18 @@ def _from_middlebury(text: str) -> Calibration:
         size = int(sides[0]), int(sides[1])
     baseline = _middlebury_number(content, "baseline") / 1000
     left = _middlebury_camera(content, "cam0")
-    found = Calibration(*left, baseline, 0.0, size).checked()
+    calibration = Calibration(*left, baseline, 0.0, size).checked()
     if "cam1" not in content:
-        return replace(found, shift=_middlebury_number(content, "doffs") if "doffs" in content else 0.0)
+        return replace(calibration, shift=_middlebury_number(content, "doffs") if "doffs" in content else 0.0)
     right = _middlebury_camera(content, "cam1")
     if max(abs(left[i] - right[i]) for i in (0, 1, 3)) > ROUNDING:
         raise ValueError("cam0 and cam1 differ in more than cx, so the images are not rectified")
     shift = right[2] - left[2]
     if "doffs" not in content:
-        return replace(found, shift=shift)
+        return replace(calibration, shift=shift)
     if abs((doffs := _middlebury_number(content, "doffs")) - shift) > ROUNDING:
         raise ValueError(f"doffs is {doffs:g} px, and the cx of cam0 and cam1 are {shift:g} px apart")
-    return replace(found, shift=doffs)
+    return replace(calibration, shift=doffs)
 
 
 def _middlebury_camera(content: Mapping[str, str], name: str) -> tuple[float, float, float, float]:

@@ -55,7 +55,7 @@ class RawRig:
     view: RectifiedView
 
     @classmethod
-    def of(cls, cameras: PosedPair) -> RawRig:
+    def from_cameras(cls, cameras: PosedPair) -> RawRig:
         """Return the rig of two cameras.
 
         Raises:
@@ -119,7 +119,7 @@ def read_rig_file(paths: Sequence[Path]) -> StereoRig | RawRig:
     except ValueError as error:
         raise DatasetError(fields.message_in(paths, error)) from None
     try:
-        return plain_rig(pair) or RawRig.of(pair)
+        return plain_rig(pair) or RawRig.from_cameras(pair)
     except ValueError as error:
         raise DatasetError(fields.message_in(paths, error)) from None
 

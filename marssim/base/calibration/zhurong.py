@@ -129,12 +129,12 @@ def _turned_onto(pointing: Element, lens: RadialTangential, size: tuple[int, int
             directions.append(_numbers(node, tuple("xyz")))
     if len(directions) < LEAST_DIRECTIONS:
         raise ValueError(f"{POINTING} has {len(directions)} directions, at least {LEAST_DIRECTIONS} are needed")
-    seen, stated = (_unit(np.array(vectors)) for vectors in (lens.rays(np.array(pixels)).direction, directions))
+    traced, stated = (_unit(np.array(vectors)) for vectors in (lens.rays(np.array(pixels)).direction, directions))
     u, _, vt = np.linalg.svd(
-        stated.T @ seen
-    )  # Kabsch: the rotation that brings the stated ones nearest to the seen ones
+        stated.T @ traced
+    )  # Kabsch: the rotation that brings the stated nearest to the traced ones
     rotation = vt.T @ np.diag([1, 1, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    cosine = np.clip((stated @ rotation.T * seen).sum(axis=1), -1, 1)
+    cosine = np.clip((stated @ rotation.T * traced).sum(axis=1), -1, 1)
     if not (miss := float(np.rad2deg(np.arccos(cosine)).max())) <= LARGEST_MISS:
         raise ValueError(f"{POINTING} misses the focal length and the principal point by {miss:.2g} deg")
     return np.asarray(rotation)

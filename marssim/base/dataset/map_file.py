@@ -102,8 +102,8 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
 
 def _normal_code(normal: np.ndarray) -> np.ndarray:
     """Return normals (H, W, 3) as uint16 colours; black where there is none."""
-    known = np.isfinite(normal).all(axis=-1, keepdims=True)
-    return encode_normal(np.where(known, normal, np.float32(0)) * SHOWN)
+    valid = np.isfinite(normal).all(axis=-1, keepdims=True)
+    return encode_normal(np.where(valid, normal, np.float32(0)) * SHOWN)
 
 
 def _uint16(values: np.ndarray) -> np.ndarray:

@@ -176,8 +176,8 @@ class Page:
             self._drawing.resize(self._size.value / 1000)
 
 
-def _place(client: Any, position: np.ndarray, seen: np.ndarray) -> None:
+def _place(client: Any, position: np.ndarray, target: np.ndarray) -> None:
     """Move a viewer, and turn it to a point."""
     with client.atomic():
         client.camera.position = position
-        client.camera.look_at = seen
+        client.camera.look_at = target

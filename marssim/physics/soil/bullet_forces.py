@@ -102,12 +102,12 @@ class SoilForces:
         axis = np.array(p.getMatrixFromQuaternion(quaternion)).reshape(3, 3)[:, 2]
         total = 0.0
         for link in range(-1, p.getNumJoints(self._body, physicsClientId=client)):
-            mass, _, own, *_ = p.getDynamicsInfo(self._body, link, physicsClientId=client)
+            mass, _, inertia, *_ = p.getDynamicsInfo(self._body, link, physicsClientId=client)
             at, turn = origin, quaternion
             if link >= 0:
                 at, turn, *_ = p.getLinkState(self._body, link, physicsClientId=client)
             of_link = np.array(p.getMatrixFromQuaternion(turn)).reshape(3, 3).T @ axis
-            total += own @ of_link**2 + mass * (np.cross(axis, np.subtract(at, origin)) ** 2).sum()
+            total += inertia @ of_link**2 + mass * (np.cross(axis, np.subtract(at, origin)) ** 2).sum()
         return float(total)
 
     def _loads(self) -> np.ndarray:

@@ -34,7 +34,7 @@ class SoilMap:
     """x and y of the first node [m]."""
 
     @classmethod
-    def of(cls, scene: Scene, ground: GroundName = "scene") -> SoilMap:
+    def from_scene(cls, scene: Scene, ground: GroundName = "scene") -> SoilMap:
         """Return the soils of a scene.
 
         Args:

@@ -71,7 +71,7 @@ class Traction:
             ground: "scene" for the scene's own soils, or the soil that lies everywhere instead. Rocks stay rocks.
         """
         self.spec, self.support = spec, support
-        self.soils = SoilMap.of(scene, ground)
+        self.soils = SoilMap.from_scene(scene, ground)
         self._hubs = np.ascontiguousarray(spec.wheel_positions[:, :2])
         size = spec.wheel_radius, spec.wheel_width, spec.mass * GRAVITY
         self._tables = [wheel_table(name, *size) for name in SOIL_NAMES]

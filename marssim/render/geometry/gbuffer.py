@@ -28,7 +28,7 @@ class Footprint(NamedTuple):
     focal: float
 
     @classmethod
-    def of(cls, camera: PinholeCamera, pose: np.ndarray) -> Footprint:
+    def from_camera(cls, camera: PinholeCamera, pose: np.ndarray) -> Footprint:
         """Return the footprint of a camera at pose (4, 4), camera to world."""
         return cls(np.array(pose[:3, 3], dtype=float), float(camera.fx))
 

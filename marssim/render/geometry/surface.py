@@ -81,7 +81,7 @@ class SceneSurface:
         footprint: Footprint | None, sunlit: bool,
     ) -> GBuffer:  # fmt: skip
         """Return the G-buffer of a view; cap, body: (H * W,) faces of its pixels, else as `hits`."""
-        footprint = footprint or Footprint.of(camera, pose)
+        footprint = footprint or Footprint.from_camera(camera, pose)
         hits = self.hits(pose, camera.rays().reshape(-1, 3), cap, body, footprint, sunlit, camera.width)
         return GBuffer.of_hits(hits, (camera.height, camera.width))
 

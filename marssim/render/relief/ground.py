@@ -117,7 +117,7 @@ def _stones(look: Look, rng: np.random.Generator) -> Stones:
 
 def _with_drifts(scene: Scene) -> tuple[FineSpline, np.ndarray]:
     """Return the surface of the fine square with its drifts, and Ground.drifts."""
-    plain, drifts = FineSpline.of(scene.terrain), drifts_of(scene).heights
+    plain, drifts = FineSpline.from_terrain(scene.terrain), drifts_of(scene).heights
     if not drifts.any():
         return plain, np.zeros((0, 0), dtype=np.float32)
     return plain.refined(DRIFT_CELL).raised(drifts), drifts

@@ -26,7 +26,7 @@ class FineSpline:
     cell: float
 
     @classmethod
-    def of(cls, terrain: Terrain) -> FineSpline:
+    def from_terrain(cls, terrain: Terrain) -> FineSpline:
         """Return the surface of a terrain's fine square, and a little of what lies around it."""
         fine, coarse = terrain.fine, terrain.coarse
         nodes = len(fine.heights) + 2 * EDGE

@@ -30,7 +30,7 @@ class Tops:
     half: float
 
     @classmethod
-    def of(cls, plates: Sequence[Plates], half: float) -> Tops:
+    def from_plates(cls, plates: Sequence[Plates], half: float) -> Tops:
         """Return the tops of plates; where two overlap, the one that stands higher above the ground counts."""
         number = np.zeros((int(np.ceil(2 * half / CELL)) + 1,) * 2, dtype=np.int32)
         planes = [np.array([[-np.inf, 0, 0]]), *(part.plane for part in plates)]
@@ -68,7 +68,7 @@ def beside(slabs: Sequence[Plates], ledges: Sequence[Plates], half: float, heigh
     """
     if not ledges:
         return list(slabs)
-    tops, out = Tops.of(ledges, half), []
+    tops, out = Tops.from_plates(ledges, half), []
     for part in slabs:
         x, y = (np.column_stack([part.outline[..., i], part.middle[:, i]]) for i in (0, 1))
         out.append(part.chosen((tops.lift(x, y, height_at(x, y)) == 0).all(axis=1)))

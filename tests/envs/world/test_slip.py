@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from envs.world.slip import SlipConfig, SlipGauge, known_slip
+from envs.world.slip import SlipConfig, SlipGauge, checked_slip
 from marssim.physics.soil.slippage import Slippage
 
 AHEAD = np.array([1, 0], np.float32)
@@ -95,9 +95,9 @@ def test_slip_draws_nothing_and_is_a_function_of_the_seed(make_env, dynamics):
 
 
 def test_settings_are_checked():
-    assert known_slip(None) is None and known_slip("crust") == SlipConfig("crust", 0.0)
+    assert checked_slip(None) is None and checked_slip("crust") == SlipConfig("crust", 0.0)
     with pytest.raises(ValueError, match="slip 'mud' is unknown; choose from scene, sand, crust, bedrock"):
-        known_slip("mud")
+        checked_slip("mud")
     for share in (-0.1, 1.1, True, "half", float("nan")):
         with pytest.raises(ValueError, match=r"measured share of the slip must lie in \[0, 1\]"):
             SlipConfig("sand", share)

@@ -21,7 +21,7 @@ def prediction(normal=NORMAL) -> Prediction:
 
 
 def test_sky_is_grey_and_what_is_unknown_or_filled_is_black():
-    maps = MethodMaps.of(prediction())
+    maps = MethodMaps.from_prediction(prediction())
     for picture, ground in (
         (depth_colours(maps.depth, 1, 10), depth_colours(np.full((1, 1), 4.0), 1, 10)[0, 0]),
         (normal_panel(maps), normal_colours(NORMAL)[0, 0]),
@@ -32,13 +32,15 @@ def test_sky_is_grey_and_what_is_unknown_or_filled_is_black():
 
 def test_large_maps_are_kept_small_and_their_values_are_not_mixed():
     depth = np.tile(np.float32([2, 8]), (1000, 800))
-    maps = MethodMaps.of(Prediction(depth, 100 / depth, None, np.ones_like(depth)))
+    maps = MethodMaps.from_prediction(Prediction(depth, 100 / depth, None, np.ones_like(depth)))
     assert maps.depth.shape == (400, 640) and set(np.unique(maps.depth)) <= {2, 8}
 
 
 def test_the_figure_shows_the_image_and_the_maps_of_every_method(tmp_path, drawn_figures):
     left = np.full((40, 50), 77, np.uint8)
-    pairs = [PairMaps.of(f"pair {n}", left, {"Ours": prediction(), "Bare": prediction(None)}) for n in range(2)]
+    pairs = [
+        PairMaps.from_predictions(f"pair {n}", left, {"Ours": prediction(), "Bare": prediction(None)}) for n in range(2)
+    ]
     picture = side_by_side_figure(pairs, tmp_path / "figure.png")
     assert np.array_equal(cv2.imread(str(tmp_path / "figure.png"))[..., ::-1], picture)
     (figure,) = drawn_figures
@@ -55,7 +57,9 @@ def test_the_figure_shows_the_image_and_the_maps_of_every_method(tmp_path, drawn
 def test_long_names_stay_inside_their_image_and_keep_both_ends(tmp_path, drawn_figures):
     name = "ZL0_0711_0730054943_723RAD_N0332864ZCAM03014_048085A02/rectified/left"
     shapes = ((60, 80), (80, 60))  # the second one leaves a part of its panel free
-    pairs = [PairMaps.of(name, np.full(shape, 77, np.uint8), {"Bare": prediction(None)}) for shape in shapes]
+    pairs = [
+        PairMaps.from_predictions(name, np.full(shape, 77, np.uint8), {"Bare": prediction(None)}) for shape in shapes
+    ]
     side_by_side_figure(pairs, tmp_path / "figure.png")
     (figure,) = drawn_figures
     figure.canvas.draw()

@@ -60,7 +60,7 @@ def by_mcap(path):
         return [(channel.topic, schema.name, content) for schema, channel, _, content in messages]
 
 
-def of(messages, topic):
+def on_topic(messages, topic):
     return [message for name, _, message in messages if name == topic]
 
 
@@ -94,7 +94,7 @@ def test_the_result_has_the_types_stamps_and_frames_of_the_source(result, read):
         "/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage",
     }  # fmt: skip
     for topic in ("/stereo/depth/image_rect", "/stereo/depth/camera_info", "/stereo/disparity", "/stereo/points2"):
-        found = [m.header for m in of(messages, topic)]
+        found = [m.header for m in on_topic(messages, topic)]
         assert [h.stamp.sec * SECOND + h.stamp.nanosec for h in found] == STAMPS
         assert {h.frame_id for h in found} == {"left_camera_optical"}
 
@@ -104,7 +104,8 @@ def test_points_and_disparity_of_the_result_agree_with_depth_and_truth(result, r
     """Projected by the CameraInfo of the bag, without the code that made them."""
     messages = read(result / "bag")
     parts = [
-        of(messages, f"/stereo/{name}") for name in ("points2", "depth/image_rect", "depth/camera_info", "disparity")
+        on_topic(messages, f"/stereo/{name}")
+        for name in ("points2", "depth/image_rect", "depth/camera_info", "disparity")
     ]
     for cloud, image, info, disparity, sample in zip(*parts, plane_samples, strict=True):
         depth = np.frombuffer(bytes(image.data), "<f4").reshape(image.height, image.width)
@@ -124,11 +125,11 @@ def test_points_and_disparity_of_the_result_agree_with_depth_and_truth(result, r
 
 
 def test_a_cloud_of_another_frame_names_it(bag, result, tmp_path):
-    camera = of(by_rosbags(result / "bag"), "/stereo/points2")[2]
+    camera = on_topic(by_rosbags(result / "bag"), "/stereo/points2")[2]
     local = np.frombuffer(bytes(camera.data), "<f4").reshape(-1, 4)[:, :3]
     for frame, name, pose in (("world", "map", pose_of(2)), ("rover", "base_link", np.eye(4))):
         predict(options(bag, tmp_path / frame, cloud_frame=frame), SGBM())
-        cloud = of(by_rosbags(tmp_path / frame / "bag"), "/stereo/points2")[2]
+        cloud = on_topic(by_rosbags(tmp_path / frame / "bag"), "/stereo/points2")[2]
         eye = pose @ ZHURONG.mount.left_eye(0.27)
         points = np.frombuffer(bytes(cloud.data), "<f4").reshape(-1, 4)[:, :3]
         assert cloud.header.frame_id == name
@@ -157,7 +158,7 @@ def test_a_killed_run_makes_the_same_bag(bag, result, tmp_path, monkeypatch):
 def test_without_clouds_or_bag_there_is_none(bag, tmp_path):
     predict(options(bag, tmp_path / "a", write=("depth", "bag"), every=3), SGBM())
     messages = by_rosbags(tmp_path / "a/bag")
-    assert len(of(messages, "/stereo/disparity")) == 2 and not of(messages, "/stereo/points2")
+    assert len(on_topic(messages, "/stereo/disparity")) == 2 and not on_topic(messages, "/stereo/points2")
     predict(options(bag, tmp_path / "b", write=("depth",), every=4), SGBM())
     assert not (tmp_path / "b/bag").exists()
     with pytest.raises(ValueError, match="bag needs depth, which it is made of"):
@@ -166,7 +167,7 @@ def test_without_clouds_or_bag_there_is_none(bag, tmp_path):
 
 def test_a_pair_without_points_has_an_empty_cloud(bag, tmp_path):
     predict(options(bag, tmp_path, max_range=0.001, every=4), SGBM())
-    (cloud,) = of(by_rosbags(tmp_path / "bag"), "/stereo/points2")
+    (cloud,) = on_topic(by_rosbags(tmp_path / "bag"), "/stereo/points2")
     assert (cloud.width, cloud.height, len(cloud.data)) == (0, 1, 0)
 
 
@@ -184,7 +185,7 @@ def test_frames_of_another_clock_do_not_make_the_bag_last_for_decades(plane_samp
     predict(options(source, tmp_path / "out", write=("depth", "bag"), every=2), SGBM())
     with AnyReader([tmp_path / "out/bag"]) as reader:
         assert (reader.start_time, reader.end_time) == (STAMPS[0], STAMPS[3 if topic == "/tf_static" else 2] + 1)
-    (fixed,) = of(by_rosbags(tmp_path / "out/bag"), "/tf_static")
+    (fixed,) = on_topic(by_rosbags(tmp_path / "out/bag"), "/tf_static")
     assert len(fixed.transforms) == 3
 
 
@@ -205,7 +206,7 @@ def test_the_rover_may_have_another_name(plane_samples, tmp_path, name):
     source = write_planes(tmp_path / "planes", plane_samples[:2], renamed(base_link=name))
     predict(options(source, tmp_path / "out", cloud_frame="rover"), SGBM())
     messages = by_rosbags(tmp_path / "out/bag")
-    assert {cloud.header.frame_id for cloud in of(messages, "/stereo/points2")} == {name}
+    assert {cloud.header.frame_id for cloud in on_topic(messages, "/stereo/points2")} == {name}
     record = json.loads((tmp_path / "out/frame_000001/prediction.json").read_text())
     np.testing.assert_allclose(record["camera_to_rover"], ZHURONG.mount.left_eye(0.27), atol=1e-9)
     assert not record["mount_assumed"]
@@ -219,7 +220,9 @@ def test_the_result_has_the_frames_of_odometry_too(plane_samples, tmp_path):
 
     source = write_planes(tmp_path / "planes", plane_samples[:2], without_tf_of_the_rover)
     predict(options(source, tmp_path / "out", cloud_frame="world"), SGBM())
-    assert {cloud.header.frame_id for cloud in of(by_rosbags(tmp_path / "out/bag"), "/stereo/points2")} == {"odom"}
+    assert {cloud.header.frame_id for cloud in on_topic(by_rosbags(tmp_path / "out/bag"), "/stereo/points2")} == {
+        "odom"
+    }
     tree = read_transforms(Bag(tmp_path / "out/bag"))
     for number, stamp in enumerate(STAMPS[:2]):
         expected = pose_of(number) @ ZHURONG.mount.left_eye(0.27)
@@ -231,7 +234,7 @@ def test_a_camera_without_frames_stands_on_the_rover_by_its_mount(plane_samples,
         tmp_path / "planes", plane_samples[:1], lambda topic, m: None if topic in ("/tf", "/tf_static", "/odom") else m
     )
     predict(options(source, tmp_path / "out", cloud_frame="rover", mount=(0.5, 2.0, 45.0)), SGBM())
-    assert of(by_rosbags(tmp_path / "out/bag"), "/stereo/points2")[0].header.frame_id == "base_link"
+    assert on_topic(by_rosbags(tmp_path / "out/bag"), "/stereo/points2")[0].header.frame_id == "base_link"
     found = read_transforms(Bag(tmp_path / "out/bag")).pose("left_camera_optical", STAMPS[0], "base_link")
     np.testing.assert_allclose(found, mounted_camera_pose((0.5, 2.0, 45.0), 0.27), atol=1e-9)
 
@@ -244,7 +247,9 @@ def test_a_camera_in_frames_without_a_rover_gives_no_clouds_on_it(plane_samples,
         predict(options(source, tmp_path / "out", cloud_frame="rover"), SGBM())
     predict(options(source, tmp_path / "out", cloud_frame="rover", write=("depth", "cloud")), SGBM())
     predict(options(source, tmp_path / "maps", cloud_frame="rover", write=("depth", "bag")), SGBM())
-    frames = [item.child_frame_id for m in of(by_rosbags(tmp_path / "maps/bag"), "/tf_static") for item in m.transforms]
+    frames = [
+        item.child_frame_id for m in on_topic(by_rosbags(tmp_path / "maps/bag"), "/tf_static") for item in m.transforms
+    ]
     assert frames.count("left_camera_optical") == 1  # in the frame of the source alone
 
 

@@ -26,7 +26,7 @@ class SingleRays(EmbreeRenderer):
     """A renderer whose images are of single rays: those of an image begin later, and miss a few crests."""
 
     def render(self, camera, pose, footprint=None, sunlit=True):
-        rays, footprint = camera.rays().reshape(-1, 3), footprint or Footprint.of(camera, pose)
+        rays, footprint = camera.rays().reshape(-1, 3), footprint or Footprint.from_camera(camera, pose)
         return GBuffer.of_hits(self.trace(rays, pose, footprint, sunlit), (camera.height, camera.width))
 
 
@@ -58,7 +58,7 @@ class OffCentre:
 
     def render(self, camera: PinholeCamera, pose: np.ndarray) -> GBuffer:
         rays = camera.rays() + np.array([self.du / camera.fx, self.dv / camera.fy, 0])
-        hits = self.tracer.trace(rays.reshape(-1, 3), pose, Footprint.of(camera, pose), sunlit=False)
+        hits = self.tracer.trace(rays.reshape(-1, 3), pose, Footprint.from_camera(camera, pose), sunlit=False)
         return GBuffer.of_hits(hits._replace(depth=hits.depth * self.factor), (camera.height, camera.width))
 
 

@@ -145,7 +145,7 @@ def test_warped_images_with_noise_differ_by_no_more_than_noise(scene, renderer, 
 
 def test_occlusion_is_what_the_depth_of_the_right_view_says(renderer, pose, frame):
     fine = RIG.resized(RIG.camera.width * 4, RIG.camera.height * 4).camera
-    right = renderer.render(fine, RIG.right_pose(pose), Footprint.of(RIG.camera, pose))
+    right = renderer.render(fine, RIG.right_pose(pose), Footprint.from_camera(RIG.camera, pose))
     hit = frame.surface != SKY
     points = RIG.camera.unproject(np.where(hit, frame.depth, 1.0)) - [RIG.baseline, 0, 0]
     at = fine.project(points)
@@ -223,7 +223,7 @@ def one_sample(renderer, shader, camera, pose, view, shown_by=None) -> np.ndarra
     colour, none = np.empty((len(rays), 3), dtype=np.float32), np.zeros(len(rays), dtype=bool)
     points, share = stereo._surface_points(rays, view.pixels, pose, none), np.zeros(len(rays), dtype=np.float32)
     share[points.at] = renderer.lit(points.points, points.normals)
-    footprint = Footprint.of(shown_by or camera, pose)
+    footprint = Footprint.from_camera(shown_by or camera, pose)
     stereo._shade(shader, footprint, pose, rays, view.pixels, none, points, share, colour)
     return colour.reshape(camera.height, camera.width, 3)
 
@@ -235,7 +235,7 @@ def test_borders_of_shadows_show_the_disc_of_the_sun(scene, pose, name, monkeypa
         pytest.importorskip("pybullet")
     low, camera = scene.with_sun(10.0, 150.0), RIG.camera.resized(448, 448)
     renderer, shader = make_renderer(name, low), Shader(low)
-    view, footprint = renderer.render(camera, pose), Footprint.of(camera, pose)
+    view, footprint = renderer.render(camera, pose), Footprint.from_camera(camera, pose)
     images = [radiance(renderer, shader, camera, pose, view, footprint)]
     for every in (True, False):
         monkeypatch.setattr(stereo, "penumbra", lambda rays, *_, every=every: np.full(len(rays), every))
@@ -256,7 +256,7 @@ def test_edges_are_smoothed(scene, pose, name):
     renderer = make_renderer(name, scene)
     shader, camera = Shader(scene), RIG.camera
     fine = camera.resized(camera.width * 4, camera.height * 4)
-    footprint = Footprint.of(camera, pose)
+    footprint = Footprint.from_camera(camera, pose)
     fine_image = one_sample(renderer, shader, fine, pose, renderer.render(fine, pose, footprint), shown_by=camera)
     truth = fine_image.reshape(camera.height, 4, camera.width, 4, 3).mean(axis=(1, 3))
     view = renderer.render(camera, pose)

@@ -205,18 +205,18 @@ def stone_hit(data, cover, stones, eye, focal, footprint, ranks, piece):
         width_i, width_j = cell * per_x, cell * per_y
         next_i = begin + (1 - ahead_x if dx > 0 else ahead_x) * width_i
         next_j = begin + (1 - ahead_y if dy > 0 else ahead_y) * width_j
-        here, first_cell, per_code = begin, n * (CELLS * CELLS + 1), top * np.float32(1 / TOPS)
-        while here < min(limit, nearest.where):
+        travelled, first_cell, per_code = begin, n * (CELLS * CELLS + 1), top * np.float32(1 / TOPS)
+        while travelled < min(limit, nearest.where):
             at = np.uint32(first_cell + (j & last) * CELLS + (i & last))
-            lowest = g + dg * (here if dg > 0 else min(min(next_i, next_j), limit))
+            lowest = g + dg * (travelled if dg > 0 else min(min(next_i, next_j), limit))
             if lowest < per_code * np.float32(summit[at]):
                 place = _Cell(n, at, most, begin, ahead_x, ahead_y)
                 nearest = _hit_in_cell(data, cover, stones, eye, focal, piece, heading, nearest, place)
             if next_i < next_j:
-                here, next_i = next_i, next_i + width_i
+                travelled, next_i = next_i, next_i + width_i
                 i, ahead_x = i + step_i, ahead_x - np.float32(step_i)
             else:
-                here, next_j = next_j, next_j + width_j
+                travelled, next_j = next_j, next_j + width_j
                 j, ahead_y = j + step_j, ahead_y - np.float32(step_j)
     return nearest
 

@@ -22,7 +22,7 @@ def scene(**look):
 
 def test_the_shares_add_up_and_follow_what_the_scene_shows():
     place = scene(wind_ripples=0.4, bedrock=0.4)
-    cover, soils = ground_cover(place), SoilMap.of(place)
+    cover, soils = ground_cover(place), SoilMap.from_scene(place)
     np.testing.assert_allclose(soils.shares.sum(axis=-1), 1, atol=1e-12)
     assert soils.shares.min() >= 0 and soils.shares[..., 2].max() > 0.5
     sand, crust, _ = np.moveaxis(soils.shares, -1, 0)
@@ -47,7 +47,7 @@ def test_the_share_of_bedrock_is_the_drawn_one(bedrock):
     place = scene(bedrock=bedrock)
     x, y = np.random.default_rng(0).uniform(-6, 6, (2, 40_000))
     ground = ground_relief(place)
-    drawn, share = drawn_plates(ground.data, ground.relief, x, y), SoilMap.of(place).at(x, y)[:, 2]
+    drawn, share = drawn_plates(ground.data, ground.relief, x, y), SoilMap.from_scene(place).at(x, y)[:, 2]
     assert share.mean() == pytest.approx(drawn.mean(), abs=0.03)
     for part in (share < 0.2, share > 0.5):
         assert part.sum() < 400 or share[part].mean() == pytest.approx(drawn[part].mean(), abs=0.05)
@@ -55,19 +55,19 @@ def test_the_share_of_bedrock_is_the_drawn_one(bedrock):
 
 def test_drifts_hide_the_bedrock_below_them():
     place = scene(wind_ripples=0.0, bedrock=1.0, drifts=0.9)
-    cover, soils = ground_cover(place), SoilMap.of(place)
+    cover, soils = ground_cover(place), SoilMap.from_scene(place)
     covered = (cover.drift > 0.5) & (cover.swept > 0.5)
     assert covered.any() and (soils.shares[..., 2] <= 1 - cover.drift + 1e-6).all()
 
 
 def test_a_scene_without_bedrock_has_none_and_one_without_sand_is_crust():
-    soils = SoilMap.of(scene(wind_ripples=0.0, bedrock=0.0, drifts=0.0))
+    soils = SoilMap.from_scene(scene(wind_ripples=0.0, bedrock=0.0, drifts=0.0))
     np.testing.assert_array_equal(soils.shares[..., 1], 1)
 
 
 def test_places_are_looked_up_between_the_nodes_and_clipped_at_the_edge():
     place = scene(wind_ripples=0.5)
-    soils, axis = SoilMap.of(place), ground_cover(place).axis
+    soils, axis = SoilMap.from_scene(place), ground_cover(place).axis
     np.testing.assert_allclose(soils.at(axis[[5]], axis[[9]])[0], soils.shares[9, 5], atol=1e-9)
     middle = soils.at((axis[[5]] + axis[[6]]) / 2, axis[[9]])[0]
     np.testing.assert_allclose(middle, soils.shares[9, 5:7].mean(axis=0), atol=1e-9)
@@ -75,10 +75,10 @@ def test_places_are_looked_up_between_the_nodes_and_clipped_at_the_edge():
 
 
 def test_one_soil_can_lie_everywhere():
-    soils = SoilMap.of(scene(), "crust")
+    soils = SoilMap.from_scene(scene(), "crust")
     np.testing.assert_array_equal(soils.at(np.array([0.0, 5.0]), np.array([-3.0, 2.0])), [[0, 1, 0]] * 2)
     with pytest.raises(ValueError, match="ground 'mud' is unknown; choose from scene, sand, crust, bedrock"):
-        SoilMap.of(scene(), "mud")
+        SoilMap.from_scene(scene(), "mud")
 
 
 def test_rocks_are_told_from_the_ground(make_scene):

@@ -65,7 +65,9 @@ def test_rays_anywhere_meet_what_embree_says(scene, seed):
     rays = np.ones((20_000, 3))
     rays[:, :2] = np.random.default_rng(seed).normal(0, 0.6, (20_000, 2))  # crowded in the middle, few beyond
     embree = EmbreeRenderer(scene)
-    ours, theirs = (each.trace(rays, pose, Footprint.of(CAMERA, pose)) for each in (ScanRenderer(scene), embree))
+    ours, theirs = (
+        each.trace(rays, pose, Footprint.from_camera(CAMERA, pose)) for each in (ScanRenderer(scene), embree)
+    )
     embree.close()
     assert (ours.surface == theirs.surface).mean() > 0.9999
     both = np.isfinite(ours.depth) & np.isfinite(theirs.depth)
@@ -113,5 +115,5 @@ def test_few_points_are_no_error(scene, visibility):
     for count in (0, 1):
         points = np.tile([0, 0, 5.0], (count, 1))
         assert visibility.lit(points, up[:count]).shape == (count,)
-        hits = ScanRenderer(scene).trace(np.ones((count, 3)), pose, Footprint.of(CAMERA, pose))
+        hits = ScanRenderer(scene).trace(np.ones((count, 3)), pose, Footprint.from_camera(CAMERA, pose))
         assert hits.depth.shape == (count,) and hits.detail.shape == (count, 4)

@@ -51,7 +51,7 @@ def test_the_planes_of_deck_and_wings_have_their_depth_and_normal(scene, pose, e
     renderer = make_renderer("scan", scene)
     camera_pose = pose if eye == "left" else RIG.right_pose(pose)
     rover = WithRover(renderer, RoverBody(body, pose, RIG.baseline), scene.look.sun)
-    view = rover.render(RIG.camera, camera_pose, Footprint.of(RIG.camera, pose))
+    view = rover.render(RIG.camera, camera_pose, Footprint.from_camera(RIG.camera, pose))
     to_body = np.linalg.inv(body) @ camera_pose
     rays = RIG.camera.rays() @ to_body[:3, :3].T
     depth = (height - to_body[2, 3]) / rays[..., 2]
@@ -90,7 +90,7 @@ def test_disparity_and_occlusion_know_the_rover(scene, pose):
     both, right = WithRover(renderer, body, scene.look.sun), RIG.right_pose(pose)
     rays = RIG.camera.rays().reshape(-1, 3) - np.array([RIG.baseline, 0, 0]) / frame.depth.reshape(-1, 1)
     visible = frame.surface.ravel() != SKY
-    seen = both.trace(rays[visible], right, Footprint.of(RIG.camera, pose), sunlit=False).depth
+    seen = both.trace(rays[visible], right, Footprint.from_camera(RIG.camera, pose), sunlit=False).depth
     renderer.close()
     columns = np.arange(RIG.camera.width) - frame.disparity
     expected = np.zeros(own.shape, bool)

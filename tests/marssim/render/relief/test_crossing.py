@@ -67,7 +67,7 @@ def pose_over(name: str, above: float = 1.0) -> np.ndarray:
 def views_over(laid, name: str) -> list[tuple[np.ndarray, Footprint, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
     """Return pose, footprint and closed form of the two eyes of a view."""
     pose = pose_over(name)
-    footprint = Footprint.of(RIG.camera, pose)
+    footprint = Footprint.from_camera(RIG.camera, pose)
     return [(eye, footprint, closed_form(laid, eye, footprint)) for eye in (pose, RIG.right_pose(pose))]
 
 
@@ -292,7 +292,7 @@ def test_the_two_eyes_see_one_surface(place):
     renderer = ScanRenderer(scene)
     rig = StereoRig(PinholeCamera(120, 90, 300.0, 300.0, 59.5, 44.5), baseline=0.27)
     pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 2.0, np.deg2rad(30), 0.1)
-    footprint, right = Footprint.of(rig.camera, pose), rig.right_pose(pose)
+    footprint, right = Footprint.from_camera(rig.camera, pose), rig.right_pose(pose)
     depth = renderer.render(rig.camera, pose, footprint).depth.astype(float)
     rays = rig.camera.rays() - np.stack([rig.baseline / depth, 0 * depth, 0 * depth], axis=-1)
     hits = renderer.trace(rays.reshape(-1, 3), right, footprint, sunlit=False)
@@ -327,7 +327,7 @@ def test_true_normals_of_bare_ground_are_the_gradient_of_the_terrain(name):
     pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 1.0, np.deg2rad(15), 0.1)
     renderer = make_renderer(name, scene)
     try:
-        view = renderer.render(camera, pose, Footprint.of(camera, pose))
+        view = renderer.render(camera, pose, Footprint.from_camera(camera, pose))
     finally:
         renderer.close()
     near = view.hit & (view.depth < 15)
@@ -356,7 +356,7 @@ def test_no_sky_shows_between_far_hills():
     for yaw in (0.0, 1.6, 2.4):
         height = float(scene.terrain.height_at(0.0, 0.0)) + 1.2
         pose = look_pose(np.array([0.0, 0.0, height]), yaw, np.deg2rad(1.5), 0.0)
-        hit = renderer.render(camera, pose, Footprint.of(camera, pose)).hit
+        hit = renderer.render(camera, pose, Footprint.from_camera(camera, pose)).hit
         assert 0.1 < hit.mean() < 0.9
         assert not (~hit[1:-1] & hit[:-2] & hit[2:]).any()
 
@@ -367,7 +367,7 @@ def test_rays_of_an_image_meet_what_single_rays_meet():
     renderer = ScanRenderer(scene)
     camera = PinholeCamera(256, 192, 400.0, 400.0, 127.5, 95.5)
     pose = look_pose(np.array([0.4, -0.7, float(scene.terrain.height_at(0.4, -0.7)) + 1.2]), 2.0, np.deg2rad(25), 0.1)
-    footprint = Footprint.of(camera, pose)
+    footprint = Footprint.from_camera(camera, pose)
     drawn = renderer.render(camera, pose, footprint).depth.ravel()
     single = renderer.trace(camera.rays().reshape(-1, 3), pose, footprint).depth
     assert (np.abs(drawn / single - 1) < 1e-3).mean() > 0.999

@@ -26,7 +26,7 @@ def test_the_surface_is_the_same_on_a_finer_grid(rough):
 
 
 def test_a_terrain_is_refined_until_its_nodes_are_near_enough():
-    spline = FineSpline.of(plane(np.array([0.2, -0.1])).terrain)
+    spline = FineSpline.from_terrain(plane(np.array([0.2, -0.1])).terrain)
     finer = spline.refined(spline.cell / 3)
     assert finer.cell == pytest.approx(spline.cell / 4) and finer.nodes == 4 * (spline.nodes - 1) + 1
     assert spline.refined(spline.cell) is spline

@@ -202,7 +202,7 @@ def test_rocks_are_hit_where_brute_force_says(scene, name, pose):
     corners = scene.bodies.vertices[scene.bodies.faces]
     rays = CAMERA.rays().reshape(-1, 3)
     renderer = make_renderer(name, replace(scene, look=draw_look(BARE, np.random.default_rng(0))))
-    hits = renderer.trace(rays, pose, Footprint.of(CAMERA, pose))
+    hits = renderer.trace(rays, pose, Footprint.from_camera(CAMERA, pose))
     renderer.close()
     rng = np.random.default_rng(0)
     for rock in (True, False):
@@ -245,7 +245,7 @@ def test_rays_between_pixels_are_those_of_a_shifted_camera(raycaster, pose):
     shifted = replace(CAMERA, cx=CAMERA.cx - 0.25, cy=CAMERA.cy + 0.5)
     step = np.array([0.25 / CAMERA.fx, -0.5 / CAMERA.fy, 0])
     # what shows is filtered for the same camera
-    hits = raycaster.trace(CAMERA.rays().reshape(-1, 3) + step, pose, Footprint.of(CAMERA, pose))
+    hits = raycaster.trace(CAMERA.rays().reshape(-1, 3) + step, pose, Footprint.from_camera(CAMERA, pose))
     view = raycaster.render(shifted, pose)
     assert (hits.surface.reshape(view.surface.shape) == view.surface).mean() > 0.999
     assert np.isclose(hits.depth.reshape(view.depth.shape), view.depth, rtol=1e-5).mean() > 0.998
@@ -253,7 +253,7 @@ def test_rays_between_pixels_are_those_of_a_shifted_camera(raycaster, pose):
 
 def test_a_view_is_that_of_its_rays(raycaster, pose):
     view = raycaster.render(CAMERA, pose)
-    hits = raycaster.trace(CAMERA.rays().reshape(-1, 3), pose, Footprint.of(CAMERA, pose))
+    hits = raycaster.trace(CAMERA.rays().reshape(-1, 3), pose, Footprint.from_camera(CAMERA, pose))
     for one, other in zip(view.pixels, hits):
         assert np.isclose(one, other, atol=1e-4).mean() > 0.9995
 
@@ -271,7 +271,7 @@ def test_without_the_share_of_sunlight_the_geometry_is_the_same(scene, name, pos
 
 
 def test_rays_that_begin_shortly_before_the_ground_meet_it_where_whole_rays_do(raycaster, pose):
-    rays, footprint = CAMERA.rays().reshape(-1, 3), Footprint.of(CAMERA, pose)
+    rays, footprint = CAMERA.rays().reshape(-1, 3), Footprint.from_camera(CAMERA, pose)
     whole = raycaster.trace(rays, pose, footprint)
     rays, depth = rays[whole.surface == GROUND], whole.depth[whole.surface == GROUND].astype(float)
     again = raycaster.trace_ground(rays, pose, 0.995 * depth, footprint)
@@ -284,8 +284,8 @@ def test_an_embree_renderer_answers_queries_without_points(raycaster, pose):
     renderer: Renderer = raycaster
     none = np.zeros((0, 3))
     assert renderer.lit(none, none).shape == (0,)
-    assert renderer.trace(none, pose, Footprint.of(CAMERA, pose)).depth.shape == (0,)
-    assert renderer.trace_ground(none, pose, np.zeros(0), Footprint.of(CAMERA, pose)).depth.shape == (0,)
+    assert renderer.trace(none, pose, Footprint.from_camera(CAMERA, pose)).depth.shape == (0,)
+    assert renderer.trace_ground(none, pose, np.zeros(0), Footprint.from_camera(CAMERA, pose)).depth.shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["embree", "scan"])
@@ -298,8 +298,8 @@ def test_a_renderer_can_be_closed_twice_and_refuses_views_then(bare, name):
     for use in (
         lambda: renderer.render(CAMERA, np.eye(4)),
         lambda: renderer.lit(point, up),
-        lambda: renderer.trace(up, np.eye(4), Footprint.of(CAMERA, np.eye(4))),
-        lambda: renderer.trace_ground(up, np.eye(4), np.zeros(1), Footprint.of(CAMERA, np.eye(4))),
+        lambda: renderer.trace(up, np.eye(4), Footprint.from_camera(CAMERA, np.eye(4))),
+        lambda: renderer.trace_ground(up, np.eye(4), np.zeros(1), Footprint.from_camera(CAMERA, np.eye(4))),
     ):
         with pytest.raises(RuntimeError, match="closed"):
             use()

@@ -137,7 +137,7 @@ def test_a_view_does_not_depend_on_those_before_it(scene):
 def visible_surfaces(renderer: PyBulletRenderer, pose: np.ndarray) -> list[np.ndarray]:
     view = renderer.render(LEVEL, pose)
     points, normals = view.world(LEVEL, pose)[view.hit], view.normal[view.hit] @ pose[:3, :3].T
-    hits = renderer.trace(LEVEL.rays().reshape(-1, 3), pose, Footprint.of(LEVEL, pose))
+    hits = renderer.trace(LEVEL.rays().reshape(-1, 3), pose, Footprint.from_camera(LEVEL, pose))
     return [
         view.depth,
         view.normal,

@@ -78,7 +78,7 @@ def test_scanning_agrees_with_rays_between_the_pixels(scene, scanner):
 
 def test_a_part_of_the_image_is_that_part_of_the_whole(scene, scanner):
     pose = pose_at(scene, 1.0, -1.0, 1.2, 0.7, 0.3, -0.1)
-    footprint = Footprint.of(CAMERA, pose)
+    footprint = Footprint.from_camera(CAMERA, pose)
     whole, part = (
         scanner.render(camera, pose, footprint) for camera in (CAMERA, CAMERA.cropped(30, 20, 64, 48))
     )  # fmt: skip
@@ -118,7 +118,7 @@ def test_matching_finds_the_face_of_the_surface_that_is_asked_for(scene):
 
 def test_rays_and_points_that_no_query_can_take_are_named(scene, scanner):
     pose = pose_at(scene, 0.0, 0.0, 1.2, 0.0, 0.3, 0.0)
-    footprint = Footprint.of(PinholeCamera.centred(8, 8, 8.0), pose)
+    footprint = Footprint.from_camera(PinholeCamera.centred(8, 8, 8.0), pose)
     for rays in (np.full((10, 3), np.nan), np.ones((4, 2))):
         with pytest.raises(ValueError, match=r"^rays must be finite numbers of shape"):
             scanner.trace(rays, pose, footprint)

@@ -62,6 +62,7 @@ def test_plates_of_bedrock_show_on_the_share_that_the_help_says(bedrock, share):
     place = build_scene(replace(place, rocks=replace(place.rocks, k=0.0)), 0)
     bare = replace(place.look, bedrock=bedrock, gravel=0.0, drifts=0.0)
     shares = [
-        SoilMap.of(replace(place, look=replace(bare, texture_seed=seed))).shares[..., 2].mean() for seed in range(12)
+        SoilMap.from_scene(replace(place, look=replace(bare, texture_seed=seed))).shares[..., 2].mean()
+        for seed in range(12)
     ]
     assert np.mean(shares) == pytest.approx(share, abs=0.04)

@@ -16,7 +16,7 @@ SLABS = draw_slabs(TRAITS, 8.0, 24.0, level_ground, np.random.default_rng(0))
 
 
 def test_the_lift_is_the_height_of_the_slab_and_zero_beside_it():
-    tops = Tops.of(SLABS, 8.0)
+    tops = Tops.from_plates(SLABS, 8.0)
     part = SLABS[0].chosen(np.flatnonzero(np.abs(SLABS[0].middle).max(axis=1) < 6))
     x, y = part.middle.T
     expected = np.maximum(part.top_at(x, y), 0)
