@@ -60,7 +60,7 @@ import numpy as np
 from m3depth.estimator import Estimator
 from m3depth.prediction.batch import (
     MARK,
-    Batch,
+    BatchOutcome,
     cloud_pose,
     ending,
     mount_warnings,
@@ -83,7 +83,7 @@ from marssim.base.command.wording import counted
 from marssim.base.view.show import check_viewer, show
 
 
-def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction | Batch:
+def predict(options: PredictOptions, estimator: Estimator | None = None) -> Prediction | BatchOutcome:
     """Read the pairs, predict, write the files, and print a summary in one line; warnings go to stderr.
 
     Args:

@@ -38,7 +38,7 @@ import numpy as np
 
 from marssim.base.angle import wrapped
 from marssim.base.camera import StereoRig
-from marssim.base.pose import rigid_pose
+from marssim.base.pose import planar_pose, rigid_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from nav.command import Command
 from nav.config import NavigatorConfig
@@ -173,7 +173,7 @@ class Navigator:
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")
         if pan is None or not abs(pan) <= np.pi:
             raise ValueError(f"pan must be an angle in [-pi, pi] rad, got {pan}")
-        planar = np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+        planar = planar_pose(pose)
         self._begin(pose, planar, goal[:2], pan, obeyed)
         ground_visible = between_looks or self._look(depth, confidence, rig, pose, pan)
         if depth is not None and not between_looks:

@@ -20,6 +20,7 @@ from envs.world.outside_view import HEIGHT, OutsideView
 from envs.world.referee import DRIVING, GOAL_ASTRAY
 from marssim.base.images.colours import DEPTH_TITLE, NORMAL_TITLE, TICKS, depth_bar, depth_colours, normal_colours
 from marssim.base.images.video_file import written_video
+from marssim.base.pose import planar_pose
 from marssim.base.rover_spec import RoverSpec
 from marssim.physics.state import RoverState
 from nav.ground.map_files import UNKNOWN_COLOUR, class_colours
@@ -200,7 +201,7 @@ def map_around(
     """
     scale = PANEL / MAP_METRES
     canvas = np.full((PANEL, PANEL, 3), UNKNOWN_COLOUR, np.uint8)
-    middle, yaw = believed_pose[:2, 3], np.arctan2(believed_pose[1, 0], believed_pose[0, 0])
+    middle, yaw = believed_pose[:2, 3], planar_pose(believed_pose)[2]
 
     def pixel(xy: np.ndarray) -> tuple[int, int]:
         return round(PANEL / 2 + (xy[0] - middle[0]) * scale), round(PANEL / 2 - (xy[1] - middle[1]) * scale)

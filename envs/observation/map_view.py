@@ -6,6 +6,7 @@ import numpy as np
 
 from envs.courses.course import CLEAR_RADIUS
 from envs.world.perception import Sight
+from marssim.base.pose import planar_pose
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationConfig, ElevationMap
 from nav.ground.traversability import TraversabilityConfig, assess
@@ -49,7 +50,7 @@ class MapView:
             eye = pose @ self.spec.mount.left_eye(sight.rig.baseline, sight.pan)
             self.map.integrate(sight.depth, sight.confidence, sight.rig, eye, self.spec.mount.height)
         ground = assess(self.map, self.spec, TraversabilityConfig())
-        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        yaw = planar_pose(pose)[2]
         c, s = np.cos(yaw), np.sin(yaw)
         xy = np.stack(
             [pose[0, 3] + c * self._ahead - s * self._left, pose[1, 3] + s * self._ahead + c * self._left], -1

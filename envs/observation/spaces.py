@@ -10,6 +10,7 @@ from envs.observation.map_view import PIXELS
 from envs.observation.nearest_depth import nearest_depth
 from envs.world.eyes import DEPTH_PIXELS
 from marssim.base.camera import MAX_DEPTH
+from marssim.base.pose import planar_pose
 from marssim.physics.state import RoverState
 
 SHOWN = 80  # characters of a space in a message
@@ -73,7 +74,7 @@ def observe(
         pan: Pan of the mast as a share of the largest; None for a mast that is not moved.
     """
     offset = goal - pose[:2, 3]
-    bearing = np.arctan2(offset[1], offset[0]) - np.arctan2(pose[1, 0], pose[0, 0])
+    bearing = np.arctan2(offset[1], offset[0]) - planar_pose(pose)[2]
     motion = [state.roll, state.pitch, state.velocity[0] + excess, state.yaw_rate, *last_action]
     observation = {
         "depth": nearest_depth(depth, DEPTH_PIXELS),

@@ -10,6 +10,7 @@ import numpy as np
 from envs.drives.episodes import Cause
 from envs.mars_nav import MarsNavEnv
 from envs.world.referee import DRIVING
+from marssim.base.pose import planar_pose
 from nav.ground.elevation import LAYERS, ElevationMap
 from nav.ground.traversability import assess
 from nav.navigator import Navigator
@@ -81,13 +82,13 @@ class TrueDepthMap:
         assert env.course is not None
         if env.outcome in ("goal", DRIVING) or not self._started or self._navigator.prior is not None:
             return None
-        place, area = _place(env.believed_pose), env.course.area
+        place, area = planar_pose(env.believed_pose), env.course.area
         inside = area[0] <= place[0] <= area[2] and area[1] <= place[1] <= area[3]
         if env.outcome == "elsewhere" or (env.outcome == "out_of_bounds" and inside):
             return Cause.ODOMETRY
         if env.outcome in ("collision", "tilt"):
             assert env.vehicle is not None
-            return self._cause_of_contact(place, _place(env.vehicle.state().pose))
+            return self._cause_of_contact(place, planar_pose(env.vehicle.state().pose))
         cause = self._cause_of_blocked_path(place, np.asarray(env.course.goal, dtype=float)[:2])
         return Cause.NO_PROGRESS if cause is Cause.DETOUR and env.outcome == "stuck" else cause
 
@@ -149,11 +150,6 @@ def _corrected(estimated: ElevationMap, true: ElevationMap, where: np.ndarray) -
     for name in LAYERS:
         getattr(out, name)[where] = getattr(true, name)[where]
     return out
-
-
-def _place(pose: np.ndarray) -> np.ndarray:
-    """Return x, y [m] and heading [rad] of a pose (4, 4)."""
-    return np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
 
 
 def _room(points: np.ndarray, place: np.ndarray, navigator: Navigator) -> np.ndarray:

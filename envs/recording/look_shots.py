@@ -19,6 +19,7 @@ from envs.drives.episodes import EpisodeRecord
 from envs.drives.shots import LIFT, course_lines, ground_surface, rock_domes
 from envs.recording.code_colours import UNKNOWN, WORST, code_colours
 from marssim.base.dataset.drive_file import DriveFile, read_drive
+from marssim.base.pose import planar_pose
 from marssim.base.rover_spec import ZHURONG
 from marssim.base.view.clouds import view_of_maps
 from marssim.base.view.grids import grid_surface
@@ -181,7 +182,8 @@ def _drive_lines(drive: DriveFile, n: int, ground: _Ground | None) -> list[Line]
     if step["chosen"] is not None and step["candidates"] is not None:
         turn, curvature, end = (step["candidates"][name][step["chosen"]] for name in ("turn", "curvature", "end"))
         if end is not None and end > 0:
-            start = np.array([*believed[:2, 3], np.arctan2(believed[1, 0], believed[0, 0]) + turn])
+            start = planar_pose(believed)
+            start[2] += turn
             along = np.linspace(0, end, 2 + int(min(end, 100) / POINTS))
             motion = ground.on_it(arc_poses(start, np.array(curvature), along)[:, :2], level)
             lines.append(Line("Chosen motion", motion, COLOURS["chosen"]))

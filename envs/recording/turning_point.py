@@ -9,6 +9,7 @@ import numpy as np
 
 from envs.courses.clearance import FAR
 from marssim.base.dataset.drive_file import DriveFile
+from marssim.base.pose import planar_pose
 from nav.path.footprint import arc_poses
 
 SPACING = 0.1  # [m] between the checked places of a motion
@@ -72,7 +73,7 @@ def _leads_over(step: Step, place: Sequence[float] | np.ndarray) -> bool:
     if step["chosen"] is None or step["candidates"] is None:
         return False
     curvature, turn, free = (step["candidates"][name][step["chosen"]] for name in ("curvature", "turn", "free"))
-    pose = np.array(step["pose"])
-    start = np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0]) + turn])
+    start = planar_pose(np.array(step["pose"]))
+    start[2] += turn
     way = arc_poses(start, np.array(curvature), np.arange(0.0, min(free, 100.0) + SPACING, SPACING))
     return bool(np.hypot(*(way[:, :2] - place).T).min() < LED_THERE)

@@ -57,7 +57,7 @@ class ReducedPair:
 
 
 @dataclass(frozen=True)
-class Matches:
+class DepthMatches:
     """Matched pixels of known depth, (N,) each, with disparities in pixels of the reduced images.
 
     Attributes:
@@ -106,7 +106,7 @@ def depth_misfit(pairs: StereoPairs, among: Sequence[int] | None = None) -> str 
     return reason and f"{where}the true depth of {counted(len(reduced), 'pair')} does not fit the images: {reason}"
 
 
-def _difference(matches: Matches, config: DataConfig | None) -> str | None:
+def _difference(matches: DepthMatches, config: DataConfig | None) -> str | None:
     """Return the difference between the true depth and the matches by which most of them are explained.
 
     Args:
@@ -156,7 +156,7 @@ def _exchanged(pairs: list[ReducedPair]) -> str | None:
     return message if exchanged((given, swapped)) else None
 
 
-def _matches(pairs: list[ReducedPair]) -> Matches:
+def _matches(pairs: list[ReducedPair]) -> DepthMatches:
     """Match pairs, and return their pixels of known depth that match."""
     columns = []
     for pair in pairs:
@@ -164,7 +164,7 @@ def _matches(pairs: list[ReducedPair]) -> Matches:
         usable = np.isfinite(disparity) & (pair.true > 0)
         slant = np.linalg.norm(pair.rig.camera.rays(), axis=-1)
         columns.append((disparity[usable], pair.true[usable], slant[usable], np.full(int(usable.sum()), pair.scale)))
-    return Matches(*(np.concatenate(values) for values in zip(*columns, strict=True)))
+    return DepthMatches(*(np.concatenate(values) for values in zip(*columns, strict=True)))
 
 
 def _reduced(sample: StereoSample) -> ReducedPair:

@@ -60,7 +60,7 @@ class WrongCalibration(ValueError):
 
 
 @dataclass
-class Batch:
+class BatchOutcome:
     """What became of the pairs.
 
     Attributes:
@@ -212,7 +212,7 @@ def ending(result: PairPrediction, shown: tuple[float, float]) -> dict[str, Any]
     }
 
 
-def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator | None = None) -> Batch:
+def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator | None = None) -> BatchOutcome:
     """Predict all pairs that have no results yet, and write what shows all of them.
 
     A pair that cannot be used is skipped with a warning.
@@ -249,27 +249,24 @@ def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     return batch
 
 
-def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method | None, signals: Sequence[int]) -> Batch:
-    is_done = {pair.name: _is_done(options, pair) for pair in inputs.pairs}
-    batch = Batch(resumed=sum(is_done.values()))
-    rest = [pair for pair in inputs.pairs if not is_done[pair.name]]
+def _predict_remaining(
+    options: PredictOptions, inputs: Inputs, method: Method | None, signals: Sequence[int]
+) -> BatchOutcome:
+    """Predict the pairs that have no results. The next pair is read, and the last one written, at the same time."""
+    rest = [pair for pair in inputs.pairs if not _is_done(options, pair)]
+    batch = BatchOutcome(resumed=len(inputs.pairs) - len(rest))
     if batch.resumed:
         print(
             f"predict: {batch.resumed} of {counted(len(inputs.pairs), 'pair')} are predicted already", file=sys.stderr
         )
-    shown: tuple[float, float] | None = None
-    for pair in inputs.pairs:
-        if is_done[pair.name]:
-            near, far = read_json(options.out / pair.name / RECORD)["depth_shown_m"]
-            shown = near, far
-            break
+    shown = _depth_shown(options, inputs)
 
     def ready(pair: PairInput) -> tuple[PairInput, PreparedPair]:
         thorough = pair.number // options.every % THOROUGH == 0
         return read_and_prepare(inputs, pair, options, thorough)
 
-    with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
-        writing: Future[int] | None = None
+    with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as pool:
+        writer = _Writer(pool)
         warned: list[str] = []
         for pair, prepared in zip(watched(rest, "pair", "predict"), _ahead(reader, ready, rest)):
             assert method is not None
@@ -277,7 +274,7 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
                 read, work = prepared.result()
                 record = record_of(read, inputs, work.rig, method, options)
             except EndOfVideo:
-                tqdm.write(f"warning: the video ends at {pair.name}, before its header says", file=sys.stderr)
+                _warn(f"the video ends at {pair.name}, before its header says")
                 break
             except (ValueError, OSError) as error:
                 if isinstance(error, WrongCalibration) and shown is None:
@@ -285,29 +282,55 @@ def _predict_remaining(options: PredictOptions, inputs: Inputs, method: Method |
                 if len(inputs.pairs) == 1:
                     raise NoResult(describe(error)) from None
                 batch.skipped[pair.name] = describe(error)
-                tqdm.write(f"warning: {pair.name} is skipped: {describe(error)}", file=sys.stderr)
+                _warn(f"{pair.name} is skipped: {describe(error)}")
                 continue
             if not warned:
                 warned = mount_warnings(record, options)
                 for message in warned:
-                    tqdm.write(f"warning: {message}", file=sys.stderr)
+                    _warn(message)
             for message in work.warnings:
-                tqdm.write(f"warning: {pair.name}: {message}", file=sys.stderr)
+                _warn(f"{pair.name}: {message}")
             result = predict_pair(work, method, options)
             if shown is None:
                 shown = depth_range_shown(result.prediction.depth)
-            if writing is not None:
-                writing.result()
             record |= ending(result, shown)
-            writing = writer.submit(
-                write_prediction, options.out / pair.name, result, options, record, shown, cloud_pose(record)
-            )
+            writer.write(options.out / pair.name, result, options, record, shown, cloud_pose(record))
             if signals:
                 break
-        if writing is not None:
-            writing.result()
+        writer.wait()
     batch.done = [pair.name for pair in inputs.pairs if _is_done(options, pair)]
     return batch
+
+
+def _depth_shown(options: PredictOptions, inputs: Inputs) -> tuple[float, float] | None:
+    """Return the range of depth [m] that the pictures of an earlier run show; None where it wrote none."""
+    for pair in inputs.pairs:
+        if _is_done(options, pair):
+            near, far = read_json(options.out / pair.name / RECORD)["depth_shown_m"]
+            return near, far
+    return None
+
+
+def _warn(message: str) -> None:
+    tqdm.write(f"warning: {message}", file=sys.stderr)
+
+
+class _Writer:
+    """Writes the prediction of a pair in a thread, while the next pair is predicted."""
+
+    def __init__(self, pool: ThreadPoolExecutor) -> None:
+        self._pool = pool
+        self._pending: Future[int] | None = None
+
+    def write(self, *arguments: Any) -> None:
+        """Write a prediction, once the one before is written. Arguments are those of write_prediction."""
+        self.wait()
+        self._pending = self._pool.submit(write_prediction, *arguments)
+
+    def wait(self) -> None:
+        """Wait for the last prediction, and raise what kept it from being written."""
+        if self._pending is not None:
+            self._pending.result()
 
 
 def _is_done(options: PredictOptions, pair: PairInput) -> bool:
@@ -326,7 +349,7 @@ def _ahead(
     yield from waiting
 
 
-def _write_overview(options: PredictOptions, inputs: Inputs, batch: Batch) -> None:
+def _write_overview(options: PredictOptions, inputs: Inputs, batch: BatchOutcome) -> None:
     """Write the sheet, the video, the bag and the fused cloud that the flags ask for."""
     if "figure" in options.write:
         write_sheet(options.out, batch.done)

@@ -32,6 +32,15 @@ def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return cv2.transform(flat, matrix).reshape(*vectors.shape[:-1], len(matrix))
 
 
+def planar_pose(pose: np.ndarray) -> np.ndarray:
+    """Return where a body stands on the map, (3,): x, y [m] and its heading from x [rad], positive to the left.
+
+    Args:
+        pose: (4, 4) body to world; the body's x axis points ahead.
+    """
+    return np.array([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+
+
 def look_pose(position: np.ndarray, yaw: float, pitch: float, roll: float = 0.0) -> np.ndarray:
     """Return the pose of a camera from its position and three angles.
 

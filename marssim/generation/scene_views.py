@@ -24,7 +24,7 @@ from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.own_rover import ROVER_DRAWS, draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.scene import Scene, build_scene
-from marssim.scene.trajectory import TRAJECTORY, Mast, draw_trajectory, tum_lines
+from marssim.scene.trajectory import TRAJECTORY, MastState, draw_trajectory, tum_lines
 from marssim.scene.viewpoint import draw_pose
 
 RAW_DRAWS = 0x726177  # separates the noise of the raw images
@@ -157,9 +157,9 @@ def draw_rover(config: GenerateConfig, scene_index: int, view: int) -> float | N
     return draw_pan(config.view, np.random.default_rng((config.seed, scene_index, first, ROVER_DRAWS)))
 
 
-def _mast(config: GenerateConfig, scene_index: int, view: int) -> Mast | None:
+def _mast(config: GenerateConfig, scene_index: int, view: int) -> MastState | None:
     pan = draw_rover(config, scene_index, view)
-    return None if pan is None else Mast(config.rig.baseline, pan)
+    return None if pan is None else MastState(config.rig.baseline, pan)
 
 
 def _rng_of(config: GenerateConfig, scene_index: int, view: int) -> np.random.Generator:

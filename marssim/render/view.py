@@ -30,7 +30,7 @@ from marssim.render.stereo import render_stereo
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.own_rover import ROVER_DRAWS, draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.scene import Scene
-from marssim.scene.trajectory import Mast
+from marssim.scene.trajectory import MastState
 from marssim.scene.viewpoint import ViewConfig, draw_pose, pose_on_ground
 
 PITCH_DEG = 20.0  # [deg] how far NaTeCam looks down on the rover's mast
@@ -163,7 +163,7 @@ class SceneRenderer:
         if pan is None:
             pose = draw_pose(self.scene, view, rng, self.rig.baseline)
         else:
-            pose = draw_pose_of_rover(self.scene, view, rng, Mast(self.rig.baseline, pan))
+            pose = draw_pose_of_rover(self.scene, view, rng, MastState(self.rig.baseline, pan))
         drawn = Sensor.draw(sensor or SensorConfig(), rng)
         return self.render_from(pose, drawn, rng, None if pan is None else float(np.rad2deg(pan)))
 

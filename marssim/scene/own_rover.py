@@ -6,7 +6,7 @@ import numpy as np
 
 from marssim.base.rover_spec import ZHURONG, RoverSpec
 from marssim.scene.scene import Scene
-from marssim.scene.trajectory import Mast, obstacle_discs, stand_on
+from marssim.scene.trajectory import MastState, obstacle_discs, stand_on
 from marssim.scene.viewpoint import TRIES, ViewConfig, draw_pose
 
 ROVER_DRAWS = 0x726F766572  # separates the draws of the rover from all others of a seed: of a view and of its scene
@@ -28,7 +28,7 @@ def draw_pan(view: ViewConfig, rng: np.random.Generator) -> float | None:
 
 
 def draw_pose_of_rover(
-    scene: Scene, view: ViewConfig, rng: np.random.Generator, mast: Mast, rover: RoverSpec = ZHURONG
+    scene: Scene, view: ViewConfig, rng: np.random.Generator, mast: MastState, rover: RoverSpec = ZHURONG
 ) -> np.ndarray:
     """Draw the pose of a left camera, as draw_pose does, whose rover stands free of what it cannot drive over.
 

@@ -27,7 +27,7 @@ LONGEST_STRIDE = 0.2  # [m] largest distance between two choices of the curvatur
 
 
 @dataclass(frozen=True)
-class Mast:
+class MastState:
     """The mast of a rover that is in view.
 
     Attributes:
@@ -57,7 +57,7 @@ class TrajectoryConfig:
 
 def draw_trajectory(
     scene: Scene, view: ViewConfig, config: TrajectoryConfig, count: int, rng: np.random.Generator,
-    mast: Mast | None = None,
+    mast: MastState | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Draw the camera's poses along a smooth path past the rocks, in the middle of the scene.
 

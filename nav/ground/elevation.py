@@ -23,7 +23,7 @@ from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.command.limits import check_least, check_range, check_whole
 from marssim.base.images.depth_edges import JUMP, depth_edges
 from marssim.base.masked import filled
-from marssim.base.pose import rigid_pose
+from marssim.base.pose import planar_pose, rigid_pose
 from marssim.base.rover_spec import ZHURONG
 from nav.ground.hidden_drops import HiddenDropConfig, hidden_drops
 
@@ -211,7 +211,7 @@ class ElevationMap:
         """
         x, y = self.centres()
         dx, dy = x[None, :] - pose[0, 3], y[:, None] - pose[1, 3]
-        yaw = np.arctan2(pose[1, 0], pose[0, 0])
+        yaw = planar_pose(pose)[2]
         ahead, left = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
         self._assume(pose, dx, dy, (np.abs(ahead) <= length / 2) & (np.abs(left) <= width / 2))
 

@@ -58,7 +58,7 @@ def layers(elevation: ElevationMap, ground: Traversability) -> dict[str, np.ndar
 
 
 @dataclass(frozen=True)
-class Window:
+class MapWindow:
     """The part of a map that its files show.
 
     Attributes:
@@ -81,7 +81,7 @@ class Window:
 
 def window_of(
     elevation: ElevationMap, ground: Traversability, places: np.ndarray, origin: tuple[float, float] = (0.0, 0.0)
-) -> Window:
+) -> MapWindow:
     """Return the smallest window that shows all that is known, and the places of the cameras.
 
     Args:
@@ -97,14 +97,14 @@ def window_of(
         round(float(a + b + first * elevation.config.cell), 6)
         for a, b, first in zip(elevation.origin, origin, (left, low))
     )
-    return Window(slice(int(low), int(high)), slice(int(left), int(right)), west, south, elevation.config.cell)
+    return MapWindow(slice(int(low), int(high)), slice(int(left), int(right)), west, south, elevation.config.cell)
 
 
 def write_map(
     out: Path,
     elevation: ElevationMap,
     ground: Traversability,
-    window: Window,
+    window: MapWindow,
     poses: np.ndarray,
     epsg: int | None = None,
     of_rover: bool = False,
@@ -176,7 +176,7 @@ def map_picture(elevation: ElevationMap, ground: Traversability) -> np.ndarray:
 
 
 def map_page(
-    picture: np.ndarray, cameras: np.ndarray, axes: np.ndarray, window: Window, of_rover: bool = False
+    picture: np.ndarray, cameras: np.ndarray, axes: np.ndarray, window: MapWindow, of_rover: bool = False
 ) -> np.ndarray:
     """Return a picture to look at: enlarged, with coordinates, the cameras, a bar, and what the colours mean.
 
@@ -219,7 +219,7 @@ def map_page(
     return page
 
 
-def _draw_axes(page: np.ndarray, corner: tuple[int, int], pixels: float, window: Window) -> None:
+def _draw_axes(page: np.ndarray, corner: tuple[int, int], pixels: float, window: MapWindow) -> None:
     """Draw the coordinates of a picture along its lower and its left edge.
 
     Args:

@@ -91,7 +91,7 @@ def _load(text: str) -> Any:
         raise ValueError("is not YAML: a value is not of the type that its tag (!!) says") from None
 
 
-def parse_json(text: str) -> dict[str, Any]:
+def parse_json_text(text: str) -> dict[str, Any]:
     """Parse JSON.
 
     Raises:

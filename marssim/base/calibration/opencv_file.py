@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from marssim.base.calibration import fields
-from marssim.base.calibration.bounded_text import parse_json, parse_xml, parse_yaml
+from marssim.base.calibration.bounded_text import parse_json_text, parse_xml, parse_yaml
 from marssim.base.calibration.cameras import PosedCamera, PosedPair, nearest_rotation, second_camera
 from marssim.base.calibration.lenses.fisheye import Fisheye
 from marssim.base.calibration.lenses.lens import Lens
@@ -48,7 +48,7 @@ def parse_opencv(text: str) -> dict[str, Any]:
     if text.lstrip().startswith("<"):
         root = parse_xml(text)
         return {node.tag: _value(node) for node in root}
-    return parse_json(text) if text.lstrip().startswith("{") else parse_yaml(text)
+    return parse_json_text(text) if text.lstrip().startswith("{") else parse_yaml(text)
 
 
 def is_opencv(content: Mapping[str, Any]) -> bool:

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from marssim.base.calibration import fields
-from marssim.base.calibration.bounded_text import parse_json, parse_yaml, read_text
+from marssim.base.calibration.bounded_text import parse_json_text, parse_yaml, read_text
 from marssim.base.calibration.camera_info import NUMBER, CameraInfo, is_camera_info, parse_camera_info
 from marssim.base.calibration.opencv_file import SIDES, SIZES, is_opencv, parse_opencv
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -146,7 +146,7 @@ def _from_json(text: str) -> Calibration | None:
     """Read marssim's rig file or sample.json; None for another file."""
     if not text.lstrip().startswith("{"):
         return None
-    data = parse_json(text)
+    data = parse_json_text(text)
     of_opencv = is_opencv(data) or {"P1", "P2"} <= data.keys() or "Q" in data
     if of_opencv or not ("rig" in data or "baseline" in data):
         return None

@@ -98,7 +98,7 @@ class _PackageCache(FunctionCache):
         super().__init__(function)
         package = sys.modules[function.__module__.split(".")[0]]
         # kernels of other packages are built from this one's parts
-        stamp = source_digest(Path(package.__file__ or "").parent) + source_digest(Path(__file__).parents[2])
+        stamp = folder_digest(Path(package.__file__ or "").parent) + folder_digest(Path(__file__).parents[2])
         self._cache_file = _KernelFiles(self.cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
@@ -153,7 +153,7 @@ class _NoCache(NullCache):
 
 
 @cache
-def source_digest(package: Path) -> bytes:
+def folder_digest(package: Path) -> bytes:
     """Hash of all source files in a package's folder."""
     digest = hashlib.sha256()
     for file in sorted(package.rglob("*.py")):

@@ -38,7 +38,7 @@ _rows: list[list[float]] = []  # rows that createVisualShape has leaked, used ag
 
 
 @dataclass(frozen=True)
-class Tile:
+class BodyTile:
     """One body: a block of grid cells, or some rocks.
 
     Attributes:
@@ -249,7 +249,7 @@ def _borrow_rows(vertices: np.ndarray) -> list[list[float]]:
     return borrowed
 
 
-def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[Tile]:
+def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[BodyTile]:
     """Return blocks of the grid's cells; keep: (ny - 1, nx - 1) bool, the cells to show."""
     ny, nx = grid.heights.shape
     out = []
@@ -260,11 +260,11 @@ def _grid_tiles(grid: HeightGrid, keep: np.ndarray) -> list[Tile]:
             part = HeightGrid(heights, grid.x0 + i * grid.cell, grid.y0 + j * grid.cell, grid.cell)
             x0, y0, x1, y1 = part.bounds
             low, high = np.array([x0, y0, heights.min()]), np.array([x1, y1, heights.max()])
-            out.append(Tile(low, high, grid=part, keep=kept))
+            out.append(BodyTile(low, high, grid=part, keep=kept))
     return out
 
 
-def _rock_tiles(rocks: Rocks, half: float) -> list[Tile]:
+def _rock_tiles(rocks: Rocks, half: float) -> list[BodyTile]:
     """Return tiles of rocks that lie together, each with at most as many rocks as the palette has colours."""
     if len(rocks) == 0:
         return []
@@ -281,5 +281,5 @@ def _rock_tiles(rocks: Rocks, half: float) -> list[Tile]:
     for a, b in pairwise([0, *border.tolist(), len(order)]):
         for first in range(a, b, PALETTE[0] * PALETTE[1]):
             members = order[first : min(b, first + PALETTE[0] * PALETTE[1])]
-            out.append(Tile(low[members].min(axis=0), high[members].max(axis=0), rocks=members))
+            out.append(BodyTile(low[members].min(axis=0), high[members].max(axis=0), rocks=members))
     return out

@@ -17,7 +17,7 @@ from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
 from marssim.engines.bullet import quiet
 from marssim.engines.egl import load_plugin, load_triton_first, probe, write_stl
-from marssim.render.renderers.bullet_tiles import BulletTiles, Tile, opengl_projection
+from marssim.render.renderers.bullet_tiles import BodyTile, BulletTiles, opengl_projection
 
 WINDOW = (1024, 768)  # [px] largest width and height that the plugin draws; it would scale larger pictures
 MOST_FACES = 1_200_000  # triangles in its buffer of 128 MiB; one takes 108 bytes
@@ -127,7 +127,7 @@ class EglTiles(BulletTiles):
             vertices, faces, _ = self._rock_mesh(tile.rocks)
         return vertices[faces]
 
-    def _size(self, tile: Tile) -> int:
+    def _size(self, tile: BodyTile) -> int:
         """Return the number of a tile's triangles."""
         if tile.rocks is None:
             assert tile.keep is not None

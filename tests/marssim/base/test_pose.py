@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marssim.base.pose import look_pose, recorded_pose, rigid_pose, rotate
+from marssim.base.pose import look_pose, planar_pose, recorded_pose, rigid_pose, rotate
+from marssim.physics.state import rotation
 
 
 @given(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-1, 1))
@@ -16,6 +17,16 @@ def test_a_look_pose_is_a_rotation_that_looks_along_its_angles(yaw, pitch, roll)
     if roll == 0:
         assert turn[2, 0] == pytest.approx(0)  # the x axis stays level
         assert turn[2, 1] < 0  # image down is world down
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+def test_a_planar_pose_is_where_a_body_stands_and_where_its_x_axis_points(yaw, pitch, roll):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation(roll, pitch, yaw), (3.0, -4.0, 1.0)
+    x, y, heading = planar_pose(pose)
+    assert (x, y) == (3.0, -4.0) and heading == pytest.approx(yaw)
+    ahead = pose[:2, 0] / np.hypot(*pose[:2, 0])
+    assert np.allclose(ahead, [np.cos(heading), np.sin(heading)])
 
 
 def test_positive_roll_turns_the_camera_clockwise():

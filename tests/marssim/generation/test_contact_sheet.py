@@ -106,7 +106,9 @@ def test_rows_of_low_images_leave_room_for_their_names(monkeypatch):
     places = []
     monkeypatch.setattr(module, "_write", lambda image, text, at, size=0.4: places.append((text, at, image.shape)))
     contact_sheet([shape_of(2, 40)], ["a"], tile=96)
-    for text, (x, _), (_, width, _) in [place for place in places if place[0] in module.ROWS]:
+    rows = [place for place in places if place[0] in module.ROWS]
+    assert {text for text, *_ in rows} == set(module.ROWS)
+    for text, (x, _), (_, width, _) in rows:
         assert x >= 0 and x + module._text_width(text) <= width
 
 

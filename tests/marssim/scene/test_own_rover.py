@@ -9,7 +9,7 @@ from marssim.base.rover_spec import ZHURONG
 from marssim.scene.own_rover import draw_pan, draw_pose_of_rover, rover_below
 from marssim.scene.rocks.population import RockConfig
 from marssim.scene.scene import SceneConfig, build_scene
-from marssim.scene.trajectory import Mast
+from marssim.scene.trajectory import MastState
 from marssim.scene.viewpoint import ViewConfig, pose_on_ground
 
 SCENE = build_scene(SceneConfig(size=10.0, horizon=20.0, rocks=RockConfig(k=0.05)), np.random.default_rng(1))
@@ -60,7 +60,7 @@ def test_impossible_ranges_are_refused_in_one_line(values, message):
 @given(st.integers(0, 10_000), st.floats(-3, 3))
 @settings(max_examples=15)
 def test_a_rover_that_is_drawn_stands_in_no_rock(seed, pan):
-    pose = draw_pose_of_rover(ROCKY, ViewConfig(), np.random.default_rng(seed), Mast(0.27, pan))
+    pose = draw_pose_of_rover(ROCKY, ViewConfig(), np.random.default_rng(seed), MastState(0.27, pan))
     body = rover_below(ROCKY, pose, 0.27, pan)
     tall = ROCKY.bodies.height[ROCKY.bodies.face_rock] > ZHURONG.obstacle_height
     corners = ROCKY.bodies.vertices[np.unique(ROCKY.bodies.faces[tall])]
@@ -75,6 +75,6 @@ def test_a_rover_that_is_drawn_stands_in_no_rock(seed, pan):
 def test_with_a_long_baseline_the_right_camera_is_above_the_ground_too():
     rng = np.random.default_rng(0)
     for _ in range(8):
-        pose = draw_pose_of_rover(SCENE, ViewConfig(roll_deg=(-10.0, 10.0)), rng, Mast(8.0, 0.0))
+        pose = draw_pose_of_rover(SCENE, ViewConfig(roll_deg=(-10.0, 10.0)), rng, MastState(8.0, 0.0))
         right = pose[:3, 3] + 8.0 * pose[:3, 0]
         assert right[2] >= SCENE.terrain.height_at(right[0], right[1]) + 0.2

@@ -12,7 +12,7 @@ from marssim.scene.own_rover import rover_below
 from marssim.scene.relief import ReliefConfig
 from marssim.scene.rocks.population import CAMERA_EXTENT, RockConfig
 from marssim.scene.scene import Scene, SceneConfig, build_scene
-from marssim.scene.trajectory import Mast, TrajectoryConfig, draw_trajectory, stand_on, tum_lines
+from marssim.scene.trajectory import MastState, TrajectoryConfig, draw_trajectory, stand_on, tum_lines
 from marssim.scene.viewpoint import ViewConfig
 
 VIEW = ViewConfig(height=(1.2, 1.2), pitch_deg=(20.0, 20.0))
@@ -154,7 +154,7 @@ def test_bad_values_are_named(change):
 
 
 def test_the_place_of_the_camera_on_the_rover_puts_the_rover_on_the_ground(tilted):
-    for mast in (None, Mast(0.27, 0.7)):
+    for mast in (None, MastState(0.27, 0.7)):
         poses, mount = draw_trajectory(tilted, VIEW, TrajectoryConfig(), COUNT, np.random.default_rng(4), mast)
         bodies = poses @ np.linalg.inv(mount)
         up = np.array([0, -np.sin(np.deg2rad(10)), np.cos(np.deg2rad(10))])
@@ -165,7 +165,7 @@ def test_the_place_of_the_camera_on_the_rover_puts_the_rover_on_the_ground(tilte
 def test_with_a_mast_the_rovers_middle_drives_along_the_path(tilted):
     """The camera stands where the turned mast carries it, so its own steps are others."""
     for pan in (2.2, -1.8):
-        mast, config, rng = Mast(0.27, pan), TrajectoryConfig(step=0.4), np.random.default_rng(3)
+        mast, config, rng = MastState(0.27, pan), TrajectoryConfig(step=0.4), np.random.default_rng(3)
         poses, _ = draw_trajectory(tilted, VIEW, config, COUNT, rng, mast)
         middles = np.array([rover_below(tilted, pose, mast.baseline, pan) for pose in poses])
         steps = np.diff(middles[:, :2, 3], axis=0)

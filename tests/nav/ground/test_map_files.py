@@ -19,7 +19,7 @@ from nav.ground.map_files import (
     LEFT,
     NEAR,
     UNKNOWN,
-    Window,
+    MapWindow,
     class_colours,
     layers,
     map_page,
@@ -40,14 +40,14 @@ def judged(height):
     return elevation, assess(elevation, ZHURONG, TraversabilityConfig())
 
 
-def page_of(window: Window, cameras=(), axes=()) -> np.ndarray:
+def page_of(window: MapWindow, cameras=(), axes=()) -> np.ndarray:
     """Return the page of a green picture."""
     picture = np.full((*window.shape, 3), (90, 170, 90), np.uint8)
     return map_page(picture, np.reshape(cameras, (-1, 2)), np.reshape(axes, (-1, 2)), window)
 
 
-def window_at(west: float, south: float, rows: int, columns: int, cell: float) -> Window:
-    return Window(slice(0, rows), slice(0, columns), west, south, cell)
+def window_at(west: float, south: float, rows: int, columns: int, cell: float) -> MapWindow:
+    return MapWindow(slice(0, rows), slice(0, columns), west, south, cell)
 
 
 def test_layers_hold_what_they_are_called():

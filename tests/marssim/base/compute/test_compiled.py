@@ -13,7 +13,7 @@ from numba import typeof
 
 import marssim
 from marssim.base.command.run import exit_code
-from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, compiled_in_place, inlined, read_only, source_digest
+from marssim.base.compute.compiled import KEPT, NOT_KEPT, compiled, compiled_in_place, folder_digest, inlined, read_only
 
 KERNELS = """
 from some.steps import STEP
@@ -218,8 +218,8 @@ def test_arrays_of_any_kind_have_one_type_in_kernels(values, writable):
 
 def test_the_digest_sees_names_and_contents(tmp_path):
     (tmp_path / "a.py").write_text("x = 1")
-    first = source_digest.__wrapped__(tmp_path)
+    first = folder_digest.__wrapped__(tmp_path)
     (tmp_path / "a.py").write_text("x = 2")
-    second = source_digest.__wrapped__(tmp_path)
+    second = folder_digest.__wrapped__(tmp_path)
     (tmp_path / "a.py").rename(tmp_path / "b.py")
-    assert len({first, second, source_digest.__wrapped__(tmp_path)}) == 3
+    assert len({first, second, folder_digest.__wrapped__(tmp_path)}) == 3
