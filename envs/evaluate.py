@@ -29,7 +29,15 @@ from envs.drives.episodes import EpisodeRecord, Watch, run_episode
 from envs.drives.metrics import best_and_worst, paired_difference, summarise
 from envs.drives.records import DELETE_TO_REPEAT, holds_drive, read_record
 from envs.drives.report import without_definitions, write_report
-from envs.drives.resume import NOTES, Noted, check_paths, check_worker, note_drives_left_out, noted_of, unchanged
+from envs.drives.resume import (
+    NOTES,
+    Provenance,
+    check_paths,
+    check_worker,
+    note_drives_left_out,
+    note_provenance,
+    unchanged,
+)
 from envs.drives.step_lines import StepLines
 from envs.drives.suite_drives import episode_check, suite_results, values_of, with_suite
 from envs.drives.test_set_errors import errors_on_test_set
@@ -79,31 +87,32 @@ def evaluate(config: EvaluateConfig) -> dict[str, Any]:
     with results.claim():
         folder = config.out / "episodes"
         missing = [task for task in config.tasks if not (folder / task.file).is_file() or _lacks_drive(config, task)]
-        driven_by = noted_of(results, config, bool(missing))
+        provenance = note_provenance(results, config, bool(missing))
         folder.mkdir(exist_ok=True)
-        return _evaluate(config, missing, driven_by, test_errors)
+        return _evaluate(config, missing, provenance, test_errors)
 
 
 def _evaluate(
-    config: EvaluateConfig, missing: list[Task], driven_by: dict[str, Any], test_errors: dict[str, float]
+    config: EvaluateConfig, missing: list[Task], provenance: dict[str, Any], test_errors: dict[str, float]
 ) -> dict[str, Any]:
+    """Drive the missing episodes, and write what evaluate returns, with the films and the bags."""
     tasks = config.tasks
-    _run(config, missing, driven_by)
-    content, records = write_results(config, driven_by, test_errors)
-    _film(config, tasks, records, driven_by)
+    _run(config, missing, provenance)
+    content, records = write_results(config, provenance, test_errors)
+    _film(config, tasks, records, provenance)
     write_results_page(config.out, content, records, [task.file for task in tasks])  # again, with the films
-    _write_bags(config, tasks, records, driven_by)
+    _write_bags(config, tasks, records, provenance)
     return content
 
 
 def write_results(
-    config: EvaluateConfig, driven_by: Mapping[str, Any], test_errors: Mapping[str, float]
+    config: EvaluateConfig, provenance: Mapping[str, Any], test_errors: Mapping[str, float]
 ) -> tuple[dict[str, Any], list[EpisodeRecord]]:
     """Write results.json, results.md, the plots and the maps from the records of all episodes.
 
     Args:
         config: The settings.
-        driven_by: Entries of results.json: settings, digests of files, runtime and versions.
+        provenance: Entries of results.json: settings, digests of files, runtime and versions.
         test_errors: Abs Rel of perceptions on their test set.
 
     Returns:
@@ -115,7 +124,7 @@ def write_results(
     records = [_read_record(config.out / "episodes", task) for task in config.tasks]
     content = {
         "config": as_json(asdict(config)),
-        **driven_by,
+        **provenance,
         "code": dict(Counter(record.code for record in records)),
         "test_set_abs_rel": test_errors,
         "results": _results(config, records),
@@ -155,7 +164,9 @@ def _differences(config: EvaluateConfig, records: Sequence[EpisodeRecord]) -> li
     ]  # fmt: skip
 
 
-def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord], drove: Noted) -> None:
+def _film(
+    config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord], provenance: Provenance
+) -> None:
     """Make the films that are asked for and missing; tasks: those of the records, in their order."""
     films = _films(config, tasks, records)
     noted = config.out / FILMED
@@ -176,7 +187,7 @@ def _film(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[Episo
             with written_atomically(path) as part:
                 shutil.copy(config.out / same[0], part)
         else:
-            with unchanged(config, (task.driver, task.perception), drove):
+            with unchanged(config, (task.driver, task.perception), provenance):
                 _film_drive(config, task, path, f"filming {words}", records[n].steps)
         filmed[name] = task.file
         write_json(noted, filmed)
@@ -220,7 +231,9 @@ def _film_drive(config: EvaluateConfig, task: Task, path: Path, progress_task: s
         drive(config, task, watch)
 
 
-def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord], drove: Noted) -> None:
+def _write_bags(
+    config: EvaluateConfig, tasks: Sequence[Task], records: Sequence[EpisodeRecord], provenance: Provenance
+) -> None:
     """Drive the courses of --bag-courses again and write their bags, those that are missing."""
     for task, record in zip(tasks, records, strict=True):
         path = _bag_path(config.out, task)
@@ -233,7 +246,7 @@ def _write_bags(config: EvaluateConfig, tasks: Sequence[Task], records: Sequence
                 bag.watch(env, driver, step)
                 bar.update()
 
-            with unchanged(config, (task.driver, task.perception), drove):
+            with unchanged(config, (task.driver, task.perception), provenance):
                 bag.end(drive(config, task, watch).outcome)
 
 
@@ -261,14 +274,14 @@ def _lacks_drive(config: EvaluateConfig, task: Task) -> bool:
     return config.record == "all" or _read_record(config.out / "episodes", task).outcome != "goal"
 
 
-def _run(config: EvaluateConfig, tasks: list[Task], driven_by: Mapping[str, Any]) -> None:
+def _run(config: EvaluateConfig, tasks: list[Task], provenance: Mapping[str, Any]) -> None:
     with progress(len(tasks), "episode", "drive") as bar:
 
-        def finished(task: Sequence[Any], driven: tuple[EpisodeRecord, bytes | None]) -> None:
-            record, data = driven
-            path, recorded = config.out / "episodes" / task[1].file, drive_path(config.out, task[1].file)
+        def finished(arguments: Sequence[Any], driven: tuple[EpisodeRecord, bytes | None]) -> None:
+            (record, data), task = driven, arguments[1]
+            path, recorded = config.out / "episodes" / task.file, drive_path(config.out, task.file)
             if not holds_drive(path, record):
-                _delete_films_and_bag(config.out, task[1])  # of an earlier drive
+                _delete_films_and_bag(config.out, task)  # of an earlier drive
             if data is None:
                 for file in (recorded, recorded.with_suffix(".html")):
                     file.unlink(missing_ok=True)
@@ -279,7 +292,7 @@ def _run(config: EvaluateConfig, tasks: list[Task], driven_by: Mapping[str, Any]
 
         runtimes = {name: recorded_runtime([name], config.runtime) for name in config.perception}
         absolute = replace(config, out=config.out.absolute())  # a worker may run in another folder
-        arguments = [(absolute, task, runtimes[task.perception], driven_by, Path.cwd()) for task in tasks]
+        arguments = [(absolute, task, runtimes[task.perception], provenance, Path.cwd()) for task in tasks]
         run_tasks(drive_recorded, arguments, finished, config.workers, config.scheduler)
 
 
@@ -293,7 +306,7 @@ def _read_record(folder: Path, task: Task) -> EpisodeRecord:
 
 
 def drive_recorded(
-    config: EvaluateConfig, task: Task, runtime: str | None, driven_by: Mapping[str, Any], folder: Path
+    config: EvaluateConfig, task: Task, runtime: str | None, provenance: Mapping[str, Any], folder: Path
 ) -> tuple[EpisodeRecord, bytes | None]:
     """Drive one episode, and return its record and, if --record asks for that, the content of the file of its drive.
 
@@ -301,20 +314,20 @@ def drive_recorded(
         config: The settings.
         task: The episode.
         runtime: What must run its perception, see resume.check_worker.
-        driven_by: Settings, and digests of the files of drivers and perceptions, see resume.unchanged.
+        provenance: Settings, and digests of the files of drivers and perceptions, see resume.unchanged.
         folder: The folder in which the command was started.
     """
     check_paths(config, (task.driver, task.perception), folder)
     check_worker(task.perception, config.runtime, runtime)
     recorder = None if config.record == "none" else Recorder(_step_lines(config, task))
-    with unchanged(config, (task.driver, task.perception), driven_by):
+    with unchanged(config, (task.driver, task.perception), provenance):
         record = drive(config, task, None if recorder is None else recorder.watch)
     if recorder is None:
         return record, None
     record = replace(record, cause=recorder.cause)
     if config.record == "failures" and record.outcome == "goal":
         return record, None
-    return record, recorder.drive_file(record, driven_by["driven_with"])
+    return record, recorder.drive_file(record, provenance["driven_with"])
 
 
 def drive(config: EvaluateConfig, task: Task, watch: Watch | None = None) -> EpisodeRecord:

@@ -126,11 +126,11 @@ def join(config: JoinConfig) -> dict[str, Any]:
                 if f"{drive.stem}.json" in records:
                     write_atomically(config.out / DRIVES / drive.name, drive.read_bytes())
         results.note(**{WEIGHTS: weights, **runtimes, VERSIONS: versions})
-        driven_by = {
+        provenance = {
             "driven_with": joined.content(), WEIGHTS: weights, RUNTIME: joined_runtimes(runtimes.values()),
             VERSIONS: versions,
         }  # fmt: skip
-        return write_results(joined, driven_by, test_errors)[0]
+        return write_results(joined, provenance, test_errors)[0]
 
 
 def _absent(configs: Sequence[Mapping[str, Any]]) -> str:

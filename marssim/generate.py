@@ -16,7 +16,6 @@ renderer is PyBullet by default; scan is faster and needs no library.
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from marssim.base.command.progress import progress
 from marssim.base.command.run import exit_code, writing_to
 from marssim.base.command.wording import counted
 from marssim.base.compute.workers import run_tasks
-from marssim.base.dataset.dataset import SPLITS, StereoDataset, write_index
+from marssim.base.dataset.dataset import StereoDataset, write_index
 from marssim.base.dataset.marks import MARK_NOTES, SETTINGS, SOURCES
 from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
@@ -40,11 +39,11 @@ from marssim.engines.egl import draws_on_a_card, probe
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import AUTO, EGL, TINY, GenerateConfig, parse_generate
 from marssim.generation.contact_sheet import contact_sheet
+from marssim.generation.readme import dataset_readme, pairs_by_split
 from marssim.generation.scene_views import draw_drive, draw_scene, draw_view, generate_scene
 from marssim.inspection.integrity import CALIBRATION, check_written
 from marssim.render.raw import RawRenderer
 from marssim.scene.presets import PRESETS, preset
-from marssim.scene.trajectory import TRAJECTORY
 
 __all__ = ["GenerateConfig", "generate_dataset", "generate_scene"]
 
@@ -113,7 +112,7 @@ def _generate(config: GenerateConfig, folder: ResultFolder) -> StereoDataset:
     if config.raw and config.raw_rig is not None:
         for name, text in calibration_texts(config.raw_rig).items():
             write_atomically(config.out / CALIBRATION / name, text.encode())
-    write_atomically(config.out / "README.md", _readme(config, dataset).encode())
+    write_atomically(config.out / "README.md", dataset_readme(config, dataset).encode())
     folder.note(command=command_flags(config, elsewhere=True))  # the folder may be given to others
     return dataset
 
@@ -251,61 +250,6 @@ def _has_visible_files(out: Path) -> bool:
     return any(str(file) != SETTINGS and not any(part.startswith(".") for part in file.parts) for file in rest)
 
 
-def _by_split(dataset: StereoDataset) -> str:
-    """Return how many pairs each split holds, in words."""
-    counts = Counter(sample["split"] for sample in dataset.index["samples"])
-    return ", ".join(f"{name} {counts[name]}" for name in SPLITS)
-
-
-def _readme(config: GenerateConfig, dataset: StereoDataset) -> str:
-    drive = f"\nThe views of a scene follow a drive. Its poses are also in `scenes/<scene>/{TRAJECTORY}` (TUM format)."
-    drive = drive if config.trajectory else ""
-    datum = """\nHeights are metres above
-the ground in the middle of each scene. In `sample.json`, `heightmap` has the place of this middle in the heightmap
-(`at`: metres east and north of the heightmap's middle) and its height there (`datum` in metres: the height of a point
-in the file is its height in the scene plus `datum`, minus the height that the tilt of `regional_slope_deg` adds
-there)."""
-    datum = datum if any(scene.relief.heightmap for scene in config.scenes) else ""
-    raw = f"""\n
-`raw_left.png` and `raw_right.png` are the pair before rectification, and `{CALIBRATION}` has its calibration in every
-form that holds these lenses. `m3depth.rectify --shift 0` makes of it the view of `left.png` and of the truth."""
-    raw = raw if config.raw else ""
-    flags = command_flags(config, elsewhere=True)
-    command = f"\nMade by\n\n    python -m marssim.generate --out DIR {flags}\n" if flags is not None else ""
-    return f"""# Mars stereo dataset
-
-{counted(len(dataset), "stereo pair")} ({_by_split(dataset)}; split by
-scene), scene `{config.place}`, seed {config.seed}, rendered with {config.renderer}.
-{command}
-![contact sheet](contact_sheet.png)
-
-Read it in Python with
-
-    from marssim.dataset import StereoDataset
-    sample = StereoDataset("DIR", split="train")[0]
-    sample.left, sample.right, sample.depth, sample.disparity, sample.normal
-
-Each sample has a folder `scenes/<scene>/<view>/` with these files. Maps are those of the left eye.
-
-| File | Content |
-|---|---|
-| `left.png`, `right.png` | 8-bit RGB images |
-| `depth.png` | 16-bit depth along the optical axis: Z = 0.1 m * 10000^(code / 65534); 65535 is the sky |
-| `normal.png` | 16-bit RGB, unit normal n = 2 code / 65535 - 1; camera frame: x right, y down, z forward |
-| `surface.png` | 16-bit: 0 is the sky, 1 the ground, from 2 on what stands out of it, rocks first; 65535 is the rover |
-| `occluded.png` | 8-bit: 255 where the point is hidden from the right eye or outside its image |
-| `sample.json` | cameras, pose, parameters and draws of the scene, its sensors, SHA-256 of each image |
-
-`sample.disparity` is what the images show. It is computed from the depth and from `right_rotation` in `sample.json`,
-the small rotation of the right camera that `--sensor.vertical-offset`, `--sensor.horizontal-offset` and
-`--sensor.rotation-deg` drew.
-{drive}{datum}{raw}
-`dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them.
-
-Digest of all samples: `{dataset.digest}`
-"""
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     return exit_code(lambda: _work(parse_generate("python -m marssim.generate", __doc__, args)))
@@ -315,7 +259,7 @@ def _work(config: GenerateConfig) -> None:
     with writing_to(config.out):
         dataset = generate_dataset(config)
     print(
-        f"{counted(len(dataset), 'pair')} in {config.out} ({_by_split(dataset)}), digest {dataset.digest[:16]}, "
+        f"{counted(len(dataset), 'pair')} in {config.out} ({pairs_by_split(dataset)}), digest {dataset.digest[:16]}, "
         f"see {config.out / 'contact_sheet.png'}"
     )
 

@@ -21,7 +21,7 @@ from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import joined_versions, versions
 
-Noted = Mapping[str, Any]  # what results.json says of what drove the episodes
+Provenance = Mapping[str, Any]  # what results.json says of what drove the episodes
 WEIGHTS = "weights"  # key in the settings file: SHA-256 by the name of a perception or driver
 RUNTIME = "runtime"  # key in the settings file: what ran M3Depth, as recorded_runtime returns it
 OTHERS_RUNTIME = "others_runtime"  # key in the settings file: what ran other networks
@@ -30,7 +30,7 @@ NOTES = (WEIGHTS, RUNTIME, OTHERS_RUNTIME, VERSIONS)
 NETWORKS = {RUNTIME: "m3depth", OTHERS_RUNTIME: "other networks"}  # what a message calls them
 
 
-def noted_of(folder: ResultFolder, config: EvaluateConfig, driving: bool) -> dict[str, Any]:
+def note_provenance(folder: ResultFolder, config: EvaluateConfig, driving: bool) -> dict[str, Any]:
     """Note what drives the episodes of a claimed folder, and return it with what drove before, as results.json has it.
 
     Args:
@@ -155,24 +155,24 @@ def noted_versions(folder: ResultFolder, driving: bool) -> dict[str, Any]:
 
 
 @contextmanager
-def unchanged(config: EvaluateConfig, names: Sequence[str], noted: Noted) -> Iterator[None]:
+def unchanged(config: EvaluateConfig, names: Sequence[str], provenance: Provenance) -> Iterator[None]:
     """Call check_unchanged before and after the block, which drives."""
-    check_unchanged(config, names, noted)
+    check_unchanged(config, names, provenance)
     yield
-    check_unchanged(config, names, noted)
+    check_unchanged(config, names, provenance)
 
 
-def check_unchanged(config: EvaluateConfig, names: Sequence[str], noted: Noted) -> None:
+def check_unchanged(config: EvaluateConfig, names: Sequence[str], provenance: Provenance) -> None:
     """Raise DatasetError if files that a drive is made from are not those that the evaluation noted.
 
     Args:
         config: The settings, of which a place or a suite may be a file.
         names: The drivers and perceptions of the drive, as envs.evaluate takes them.
-        noted: "driven_with", the settings as they were noted; "weights", SHA-256 of the files of drivers and
+        provenance: "driven_with", the settings as they were noted; "weights", SHA-256 of the files of drivers and
             perceptions, as noted_digests returned them.
     """
-    changed = [str(_read_from(name) or name) for name in names if _digest(name) != noted["weights"].get(name)]
-    if config.content() != noted["driven_with"]:
+    changed = [str(_read_from(name) or name) for name in names if _digest(name) != provenance["weights"].get(name)]
+    if config.content() != provenance["driven_with"]:
         changed.append(str(config.suite or config.scene))
     if changed:
         raise DatasetError(

@@ -21,8 +21,8 @@ from m3depth.estimator import Estimator, EstimatorName
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
+from m3depth.prediction.overview import FUSED, RATE, write_fused_cloud, write_sheet, write_video
 from m3depth.prediction.pictures.figure import depth_range_shown
-from m3depth.prediction.pictures.overview import FUSED, RATE, write_fused_cloud, write_sheet, write_video
 from m3depth.prediction.pictures.step_figure import steps_record
 from m3depth.prediction.result_bag import write_bag
 from m3depth.prediction.sources.bag_pairs import BagPairs

@@ -1,1 +1,1 @@
-"""Pictures of predictions: of one pair, of its refinement steps, and of all pairs in a sheet, a video and a cloud."""
+"""Pictures of a prediction: its maps side by side, and its refinement steps."""

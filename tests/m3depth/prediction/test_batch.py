@@ -18,7 +18,7 @@ from m3depth.kinds.networks import new_network
 from m3depth.predict import main, predict
 from m3depth.prediction.files import read_cloud
 from m3depth.prediction.options import PredictOptions
-from m3depth.prediction.pictures.overview import shortened, write_sheet
+from m3depth.prediction.overview import shortened, write_sheet
 from m3depth.prediction.sources import inputs
 from m3depth.stereo.classical import SGBM
 from marssim.base.files.json_file import DatasetError, read_json

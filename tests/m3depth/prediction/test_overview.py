@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 
 from m3depth.prediction.files import FIGURE
-from m3depth.prediction.pictures.overview import VIDEO, write_video
+from m3depth.prediction.overview import VIDEO, write_video
 
 
 def test_a_video_of_pictures_with_odd_sides_is_one_pixel_smaller(tmp_path) -> None:
