@@ -236,13 +236,13 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
         check_flags(mast=mast, map_observation=map_observation, align_rows=align_rows)
         check_render_mode(render_mode, self.metadata["render_modes"])
         check_count("episodes_per_scene", episodes_per_scene)
-        self.render_mode = render_mode
+        self.render_mode, self.rover_spec, self.mast = render_mode, ZHURONG, mast
         self.dynamics = checked_dynamics(dynamics)
         if dynamics is None and self.dynamics != "physics":
             gymnasium.logger.warn(FALLBACK_NOTE)
-        self.rover_spec, self.mast = ZHURONG, mast
         numbers = dict(goal_distance=goal_distance, k=k, slope_deg=slope_deg, sun_elevation_deg=sun_elevation_deg)
-        self.draws = EpisodeDraws(checked_scene(scene), eyes or EyesConfig(), numbers, slip, condition)
+        eyes = EyesConfig() if eyes is None else eyes
+        self.draws = EpisodeDraws(checked_scene(scene), eyes, numbers, slip, condition)
         self.episodes_per_scene, self._episodes_left = episodes_per_scene, -1  # before the first reset
         self.perception = Perception(perception, renderer, None, disparity_noise, align_rows, runtime)
         self.gaze = Gaze(self.perception, self.rover_spec)

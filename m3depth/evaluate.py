@@ -189,8 +189,8 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     if options.limit is not None:
         pairs = [pairs[i] for i in spread(len(pairs), options.limit)]
     folder = result_folder(options)
-    folder.check()
     estimators = scored_estimators(options)
+    folder.check()
     methods = {label: loaded(name, flag_name, options) for label, (flag_name, name) in estimators.columns.items()}
     saved_state = SavedState(options.out, dependencies_without_truth(options, pairs, estimators))
     about = {

@@ -24,7 +24,6 @@ CPU, at two sizes and two batches, before it writes it.
 
 from __future__ import annotations
 
-import inspect
 import sys
 import warnings
 from collections.abc import Sequence
@@ -102,16 +101,14 @@ def to_onnx(model: M3Depth, opset: int = OPSETS[0]) -> bytes:
     # A size that is no multiple of the network's, so that the padding becomes part of the exported graph.
     size = 2 * model.config.size_multiple - 6
     example = (*torch.rand(2, 2, 3, size, size + 4), torch.tensor([[100.0, 100, size / 2, size / 2]] * 2))
-    # PyTorch 2.13's newer exporter (dynamo) needs onnxscript, whose optimiser (0.7.2) fails on chunks of a free batch;
-    # older PyTorch has no such parameter.
-    exporter: Any = torch.onnx.export
-    tracing = {"dynamo": False} if "dynamo" in inspect.signature(exporter).parameters else {}
+    # The newer exporter (dynamo) needs onnxscript, whose optimiser (0.7.2) fails on chunks of a free batch.
+    exporter: Any = torch.onnx.export  # whose types leave out files in memory
     buffer = io.BytesIO()
     with warnings.catch_warnings(), torch.no_grad():
         warnings.simplefilter("ignore")  # about constants while tracing, and about the older exporter
         exporter(
             TensorOutputs().eval(), example, buffer, input_names=list(INPUTS), output_names=list(OUTPUTS),
-            dynamic_axes={**free, "camera": {0: "batch"}}, opset_version=opset, **tracing,
+            dynamic_axes={**free, "camera": {0: "batch"}}, opset_version=opset, dynamo=False,
         )  # fmt: skip
     exported = onnx.load_model_from_string(buffer.getvalue())
     for value in exported.graph.output:  # tracing names unknown sizes after operators

@@ -17,7 +17,7 @@ from m3depth.figures.drawing import (
     colour_map,
     depth_scale,
     label_bar,
-    measured_depths,
+    masked_depth,
     normal_image,
     note,
     panel_aspect,
@@ -83,13 +83,13 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
         of_pair[0, 0].clear()
         show(of_pair[0, 0], example.left)
         of_pair[0, 0].set_ylabel(example.title, fontsize=9)
-        show(of_pair[0, 1], measured_depths(truth.depth), cmap=depth_map, norm=norm)
+        show(of_pair[0, 1], masked_depth(truth.depth), cmap=depth_map, norm=norm)
         note(of_pair[0, 1], f"{norm.vmin:.1f} to {norm.vmax:.0f} m")
         of_pair[1, 1].axis("off")
         show(of_pair[2, 1], normal_image(truth.normal))
         for name, (over, middle, under) in zip(names, of_pair[:, 2:].T, strict=True):
             prediction = example.predictions[name]
-            show(over, measured_depths(prediction.depth), cmap=depth_map, norm=norm)
+            show(over, masked_depth(prediction.depth), cmap=depth_map, norm=norm)
             disparity = np.where(np.isfinite(prediction.disparity), prediction.disparity, 0)  # unknown counts as 0 px
             error = np.where(scored, np.abs(disparity - truth.disparity), np.nan)
             show(middle, error, cmap=colour_map("inferno"), norm=errors)

@@ -57,7 +57,7 @@ class SavedState:
                 raise ValueError("damaged")
             with np.load(io.BytesIO(data[:-DIGEST]), allow_pickle=False) as file:
                 content = json.loads(file[PLAIN].item())
-                saved, state = content[DEPENDENCIES], _with_arrays(content["state"], file)
+                saved, state = content.get(DEPENDENCIES, {}), _with_arrays(content["state"], file)
         except (EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error):
             raise self.damaged() from None
         names = sorted(saved.keys() | self.dependencies.keys())

@@ -135,12 +135,12 @@ class SkyCounts:
             depth: (H, W) predicted depth [m].
             truth: (H, W) true depth [m], inf for sky, NaN where it is unknown.
         """
-        sky, measured = np.isposinf(truth), has_depth(depth)
+        sky, valid = np.isposinf(truth), has_depth(depth)
         with np.errstate(invalid="ignore"):
             near_ground = (truth > 0) & (truth < NEAR_GROUND)
         self.pixels += int(sky.sum())
-        self.near += int((measured & (depth < MAX_DEPTH) & sky).sum())
-        self.missed += int((measured & sky).sum())
+        self.near += int((valid & (depth < MAX_DEPTH) & sky).sum())
+        self.missed += int((valid & sky).sum())
         self.ground += int(near_ground.sum())
         self.ground_as_sky += int((np.isposinf(depth) & near_ground).sum())
 

@@ -18,7 +18,7 @@ from m3depth.figures.drawing import (
     colour_map,
     depth_scale,
     label_bar,
-    measured_depths,
+    masked_depth,
     normal_image,
     note,
     panel_aspect,
@@ -67,7 +67,7 @@ def comparison_figure(examples: Sequence[Example], path: Path, most: int | None 
         truth = example.truth
         show(upper[0], example.left)
         show(lower[0], example.right)
-        show(upper[1], measured_depths(truth.depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
+        show(upper[1], masked_depth(truth.depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
         show(lower[1], normal_image(truth.normal))
         upper[0].set_ylabel(example.title, fontsize=10)
         for ax, text in (
@@ -92,7 +92,7 @@ def _draw_depth(axes: Sequence[Axes], example: Example, name: str, depth_norm: N
     """Draw a method's depth, and its error in percent of the true depth, beside each other."""
     truth, depth = example.truth, example.predictions[name].depth
     scored = example.scored
-    show(axes[0], measured_depths(depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
+    show(axes[0], masked_depth(depth), cmap=colour_map(DEPTH_MAP), norm=depth_norm)
     relative = np.zeros(scored.shape)
     relative[scored] = 100 * np.abs(capped_depth(depth) / capped_depth(truth.depth) - 1)[scored]
     show(axes[1], np.ma.masked_array(relative, ~scored), cmap=colour_map(ERROR_MAP), norm=Normalize(0, ERROR_LIMIT))
@@ -112,8 +112,8 @@ def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
     oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
     angle = np.zeros(scored.shape)
     angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
-    measured = has_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
-    show(axes[0], normal_image(np.where(measured, prediction.normal, np.float32(0))))
+    valid = has_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
+    show(axes[0], normal_image(np.where(valid, prediction.normal, np.float32(0))))
     show(axes[1], np.ma.masked_array(angle, ~oriented), cmap=colour_map(ANGLE_MAP), norm=Normalize(0, ANGLE_LIMIT))
     note(axes[0], "normals")
     note(axes[1], "angle error" + (f": mean {angle[oriented].mean():.1f}°" if oriented.any() else ""))

@@ -98,7 +98,7 @@ def normal_image(normal: np.ndarray) -> np.ndarray:
     return colours
 
 
-def measured_depths(depth: np.ndarray) -> np.ma.MaskedArray:
+def masked_depth(depth: np.ndarray) -> np.ma.MaskedArray:
     """Return depth with sky and unknown pixels masked."""
     return np.ma.masked_array(depth, ~(np.isfinite(depth) & (depth > 0)))
 

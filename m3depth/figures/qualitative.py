@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.metrics import grey_deviation
-from m3depth.figures.drawing import colour_map, depth_scale, label_bar, measured_depths, note, panel_aspect, save, show
+from m3depth.figures.drawing import colour_map, depth_scale, label_bar, masked_depth, note, panel_aspect, save, show
 from marssim.base.images.colours import DEPTH_MAP
 from marssim.base.images.depth_edges import depth_edges
 
@@ -44,7 +44,7 @@ def qualitative_figure(examples: Sequence[Example], path: Path) -> None:
         show(row[0], example.left)
         row[0].set_ylabel(example.title, fontsize=10)
         for ax, depth in zip(row[1:], [example.truth.depth, *(example.predictions[n].depth for n in names)]):
-            show(ax, measured_depths(depth), cmap=depth_map, norm=norm)
+            show(ax, masked_depth(depth), cmap=depth_map, norm=norm)
     for ax, title in zip(axes[0], ["left image", "truth", *names], strict=True):
         ax.set_title(title, fontsize=11, fontweight="bold")
     place = figure.add_axes((0.3, 0.52 / height, 0.4, 0.14 / height))
@@ -124,7 +124,7 @@ def zoom_figure(examples: Sequence[Example], path: Path) -> None:
                     for spine in ax.spines.values():
                         spine.set(visible=True, color=colour, linewidth=2.2)
                 else:
-                    show(ax, measured_depths(maps[i - 1]), cmap=colour_map(DEPTH_MAP), norm=norm)
+                    show(ax, masked_depth(maps[i - 1]), cmap=colour_map(DEPTH_MAP), norm=norm)
                 if i == 1:
                     note(ax, f"{norm.vmin:.3g} to {norm.vmax:.3g} m", corner="lower left")
                 if block == line == 0:

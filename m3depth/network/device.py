@@ -28,7 +28,7 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
 
     Raises:
         ValueError: Another name, cuda without a GPU, a number that is too large, or a process that was forked after
-            PyTorch had used a GPU, which then cannot use it.
+            PyTorch had looked for a GPU, which then cannot use one.
     """
     check_device(wanted)
     import torch
@@ -43,8 +43,9 @@ def chosen_device(wanted: str, number: int = 0) -> torch.device:
         )
     if has_gpu and wanted != "cpu" and torch.cuda._is_in_bad_fork():
         raise ValueError(
-            "this process was forked from one that uses a GPU, and cannot use it: start it by spawn, as by "
-            "gymnasium.make_vec(..., vector_kwargs={'context': 'spawn'}), or hide GPUs with CUDA_VISIBLE_DEVICES="
+            "PyTorch cannot use a GPU in this process, which was forked from one that had looked for GPUs: start it by "
+            "spawn, as by gymnasium.make_vec(..., vector_kwargs={'context': 'spawn'}), or hide GPUs with "
+            "CUDA_VISIBLE_DEVICES="
         )
     return torch.device("cuda", number) if has_gpu and wanted != "cpu" else torch.device("cpu")
 

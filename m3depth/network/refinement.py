@@ -16,7 +16,7 @@ CELL = 4  # side of a cell of the refined grid [px of the image]
 DISPARITY_SCALE = 64.0  # [px] brings disparities to the size of the other inputs
 KEPT_SCORES = 50_000_000  # most matching scores that are kept between steps on a CPU, 200 MB
 BAND_SCORES = 4_000_000  # matching scores that are computed at a time where they are not kept
-ON_GPU = 10  # times as many of both on a GPU, which has the memory, and loses time with each small operation
+GPU_FACTOR = 10  # times as many of both on a GPU, which has the memory, and loses time with each small operation
 
 
 class CorrelationLookup:
@@ -44,7 +44,7 @@ class CorrelationLookup:
             self.rights.append(F.pad(right, (self.pad, self.pad)).permute(0, 2, 1, 3))  # (B, H, C, W + 2 pad)
         height, width = left.shape[-2:]
         count = left.shape[0] * height * width * sum(padded.shape[-1] for padded in self.rights)
-        more = 1 if left.device.type == "cpu" else ON_GPU
+        more = 1 if left.device.type == "cpu" else GPU_FACTOR
         # All scores, or none where they take too much memory: each call then computes those of a few rows at a time.
         keep = torch.is_grad_enabled() or torch.jit.is_tracing() or count <= more * KEPT_SCORES
         self.pyramid = [self.left @ padded for padded in self.rights] if keep else None  # (B, H, W, W + 2 pad) each

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-CACHED = 200_000  # most numbers of a band's inputs on a CPU, so that they stay in a core's cache (float32: 0.8 MB)
-ON_GPU = 64_000_000  # most of them on a GPU, so that they take a small part of its memory (float32: 256 MB)
+BAND_ON_CPU = 200_000  # most numbers of a band's inputs on a CPU, so that they stay in a core's cache (float32: 0.8 MB)
+BAND_ON_GPU = 64_000_000  # most of them on a GPU, so that they take a small part of its memory (float32: 256 MB)
 
 
 def by_rows(part: Callable[..., Tensor], *maps: Tensor) -> Tensor:
@@ -23,7 +23,7 @@ def by_rows(part: Callable[..., Tensor], *maps: Tensor) -> Tensor:
         maps: (..., H, W) each.
     """
     height = maps[0].shape[-2]
-    most = CACHED if maps[0].device.type == "cpu" else ON_GPU
+    most = BAND_ON_CPU if maps[0].device.type == "cpu" else BAND_ON_GPU
     rows = max(1, most * height // max(1, sum(x.numel() for x in maps)))
     if rows >= height or torch.is_grad_enabled() or torch.jit.is_tracing():
         return part(*maps)

@@ -68,9 +68,9 @@ def _nearest(
         near = order[low:high]
         likeness = described_a[chunk] @ described_b[near].T
         likeness[np.abs(a[chunk, 1][:, None] - b[near, 1]) > reach] = -1
-        each, first = np.arange(len(chunk)), likeness.argmax(axis=1)
-        most = likeness[each, first]
-        likeness[each, first] = -np.inf
+        index, first = np.arange(len(chunk)), likeness.argmax(axis=1)
+        most = likeness[index, first]
+        likeness[index, first] = -np.inf
         distance, other = (np.sqrt(np.maximum(2 - 2 * like, 0)) for like in (most, likeness.max(axis=1)))
         best[chunk] = near[first]
         certain[chunk] = (distance < RATIO * other) & (most > 0)

@@ -45,7 +45,7 @@ class HeightMap:
     cell: float
     name: str
 
-    def window(self, half: float, at: tuple[float, float] | None, rng: np.random.Generator) -> HeightmapPart:
+    def window(self, half: float, at: tuple[float, float] | None, rng: np.random.Generator) -> HeightMapPart:
         """Return the part of the map under a scene.
 
         A scene may reach to the border of the outermost cells, half a cell beyond their middles, and has their height
@@ -90,7 +90,7 @@ class HeightMap:
                 self._check_heights(part)
                 x0, y0 = (i0 - middle[0]) * self.cell, (j0 - middle[1]) * self.cell
                 drawn = float(offset[0] * self.cell), float(offset[1] * self.cell)
-                return HeightmapPart(part, self.cell, x0, y0, drawn if at is None else at)
+                return HeightMapPart(part, self.cell, x0, y0, drawn if at is None else at)
         if at is None:
             raise ValueError(f"{self.name}: no place without gaps in the data was found for a scene of {2 * half:g} m")
         raise ValueError(
@@ -109,7 +109,7 @@ class HeightMap:
 
 
 @dataclass(frozen=True)
-class HeightmapPart:
+class HeightMapPart:
     """The part of a heightmap under a scene.
 
     Attributes:

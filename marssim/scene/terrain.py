@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from marssim.scene.ditches import Ditches, draw_ditch_across, draw_ditches
-from marssim.scene.heightmap import HeightmapPart, read_heightmap
+from marssim.scene.heightmap import HeightMapPart, read_heightmap
 from marssim.scene.landforms import draw_craters, draw_fresh_craters, ripples
 from marssim.scene.relief import ReliefConfig, long_waves, self_affine, wavenumber
 
@@ -216,7 +216,7 @@ def build_terrain(
     )
 
 
-def _window(config: ReliefConfig, far: float, rng: np.random.Generator) -> HeightmapPart | None:
+def _window(config: ReliefConfig, far: float, rng: np.random.Generator) -> HeightMapPart | None:
     """Return the part of the heightmap under the scene; None without a heightmap."""
     if config.heightmap is None:
         return None
@@ -226,7 +226,7 @@ def _window(config: ReliefConfig, far: float, rng: np.random.Generator) -> Heigh
 
 
 def _relief(
-    config: ReliefConfig, x: np.ndarray, far_x: np.ndarray, window: HeightmapPart | None, rng: np.random.Generator
+    config: ReliefConfig, x: np.ndarray, far_x: np.ndarray, window: HeightMapPart | None, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw the heights on the fine and the coarse grid [m]: self-affine noise plus the heightmap."""
     slope = float(np.tan(np.deg2rad(config.rms_slope_deg))) if window is None else window.rms_slope(config.hurst)

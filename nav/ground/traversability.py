@@ -120,16 +120,16 @@ def distance_to(mask: np.ndarray, cell: float) -> np.ndarray:
 def ground_surface(low: np.ndarray, measured: np.ndarray, window: int) -> np.ndarray:
     """Return the ground without the rocks: a grey opening of the low heights, which leaves any plane as it is.
 
-    A window counts only if at least a fifth of it is known; otherwise the top of a rock, surrounded by nothing but its
-    own shadow, would pass for ground.
+    A window counts only if at least a fifth of it is measured; otherwise the top of a rock, surrounded by nothing but
+    its own shadow, would pass for ground.
 
     Args:
-        low: (n, n) float32 heights [m], any value where not known.
-        measured: (n, n) bool.
+        low: (n, n) float32 heights [m], any value where not measured.
+        measured: (n, n) bool, the cells that were really seen.
         window: Side of the window [cells], odd.
 
     Returns:
-        (n, n) float32 heights [m]; NaN where not known.
+        (n, n) float32 heights [m]; NaN where not measured.
     """
     kernel = _square(window)
     far = np.float32(1e6)
@@ -141,19 +141,19 @@ def ground_surface(low: np.ndarray, measured: np.ndarray, window: int) -> np.nda
 
 
 def fit_planes(height: np.ndarray, measured: np.ndarray, window: int, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return slope and RMS residual of the least-squares plane through the known cells of each window.
+    """Return slope and RMS residual of the least-squares plane through the measured cells of each window.
 
     Exact for planes with any gaps, by moments.
 
     Args:
         height: (n, n) heights [m].
-        measured: (n, n) bool.
+        measured: (n, n) bool, the cells that were really seen.
         window: Side of the window [cells], odd.
         cell: Edge of a cell [m].
 
     Returns:
-        Slope [rad] and residual [m], both (n, n) float32; NaN where less than a fifth of the window is known or its
-        known cells lie on a line.
+        Slope [rad] and residual [m], both (n, n) float32; NaN where less than a fifth of the window is measured or its
+        measured cells lie on a line.
     """
     rows, columns = height.shape
     box = (window, window)

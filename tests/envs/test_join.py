@@ -201,7 +201,7 @@ def test_a_shard_that_was_stopped_before_its_report_is_named(shards, tmp_path):
 
 
 def test_shards_of_two_programs_are_refused(shards, tmp_path, monkeypatch):
-    monkeypatch.setattr("envs.join.write_results", lambda _, driven_by, __: (dict(driven_by), []))
+    monkeypatch.setattr("envs.join.write_results", lambda _, provenance, __: (dict(provenance), []))
     copies = [shutil.copytree(shard, tmp_path / shard.name) for shard in shards]
     changed(copies[0], "evaluate.json", runtime="openvino 1")
     for runtime, message in (("pytorch 2", "pytorch 2 is not openvino 1"), (["a"], "runtime must be a name or null")):
@@ -213,7 +213,7 @@ def test_shards_of_two_programs_are_refused(shards, tmp_path, monkeypatch):
 
 
 def test_shards_of_m3depth_and_of_another_network_may_be_of_two_programs(shards, tmp_path, monkeypatch):
-    monkeypatch.setattr("envs.join.write_results", lambda _, driven_by, __: (dict(driven_by), []))
+    monkeypatch.setattr("envs.join.write_results", lambda _, provenance, __: (dict(provenance), []))
     copies = [shutil.copytree(shard, tmp_path / shard.name) for shard in shards]
     changed(copies[0], "evaluate.json", runtime="openvino 1 cpu bf16")
     changed(copies[1], "evaluate.json", others_runtime="pytorch 2 cpu bf16")

@@ -525,5 +525,5 @@ def test_far_ground_without_a_positive_disparity_counts_as_unknown(closed_form_s
     (folder / "sample.json").write_text(json.dumps({**meta, "right_rotation": turn.tolist()}))
     item = Item(folder, "00000/00", "train", 0)
     far = np.isfinite(item.sample.depth) & (item.sample.disparity <= 0)
-    assert far.any() and item.known.any() and not (item.known & far).any()
-    assert (kitti_code(item.sample.disparity, item.known)[far] == 0).all()
+    assert far.any() and item.labelled.any() and not (item.labelled & far).any()
+    assert (kitti_code(item.sample.disparity, item.labelled)[far] == 0).all()

@@ -62,7 +62,7 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
         within = pair.matched_within(prediction)
         figures = _figures(pair, prediction, np.where(within, residual_of_sgbm, np.nan))
         scores[name] = {**figures, "seconds": cost.seconds + aligning}
-        compared[name] = _has_depth(prediction) & np.isfinite(difference) & within
+        compared[name] = _is_measured(prediction) & np.isfinite(difference) & within
         agreeing[name] = difference <= AGREEMENT
     common = np.logical_and.reduce(list(compared.values()))
     for name in methods:
@@ -83,7 +83,7 @@ def predictions_of(methods: Mapping[str, Estimator], pair: PairImages, align: bo
     }
 
 
-def _has_depth(prediction: Prediction) -> np.ndarray:
+def _is_measured(prediction: Prediction) -> np.ndarray:
     """Return the pixels that the method measured, (H, W) bool: neither sky nor unknown nor only filled."""
     return np.asarray(np.isfinite(prediction.depth) & ~unmeasured(prediction))
 
@@ -91,7 +91,7 @@ def _has_depth(prediction: Prediction) -> np.ndarray:
 def _figures(pair: PairImages, prediction: Prediction, residual_of_sgbm: np.ndarray) -> dict[str, float]:
     """Return the scores of one view. residual_of_sgbm: (H, W), NaN where it does not count."""
     shown = pair.shown
-    depth, sky = _has_depth(prediction), prediction.is_sky
+    depth, sky = _is_measured(prediction), prediction.is_sky
     unknown = np.isnan(prediction.depth) | unmeasured(prediction)
     figures = {"sky": float(sky[shown].mean()), "unknown": float(unknown[shown].mean())} if shown.any() else {}
     residual = residuals(pair.left, pair.right, np.where(depth, prediction.disparity, np.float32(np.nan)))

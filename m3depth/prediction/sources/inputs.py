@@ -238,7 +238,7 @@ def find_inputs(options: PredictOptions) -> Inputs:
 
 
 def _rectified(inputs: Inputs, options: PredictOptions) -> Inputs:
-    """Return raw pairs as pairs that are rectified when they are read. Raises ValueError as RawPairs.of."""
+    """Return raw pairs as pairs that are rectified when they are read. Raises ValueError as RawPairs.from_options."""
     rectification = RawPairs.from_options(options, inputs.pairs[0].left)
     pairs = tuple(rectification.named(pair, options.out) for pair in inputs.pairs)
     return replace(inputs, pairs=pairs, rectification=rectification)

@@ -125,6 +125,8 @@ def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) ->
     except FloatingPointError as error:
         return _fail(describe(error), 1)
     except RuntimeError as error:
+        if _is_interruption(error):  # in a file that PyTorch was writing
+            return _fail(f"interrupted; {interrupted}", 130)
         if (advice := _advice_for_gpu(error)) is not None:
             return _fail(advice, 2)
         if not is_out_of_memory(error):

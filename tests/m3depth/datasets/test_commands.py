@@ -119,7 +119,7 @@ def test_maps_without_a_depth_that_can_be_used_end_a_command_in_one_line(
 ) -> None:
     """Depth in millimetres in npy files counts as sky."""
     monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda *_, **__: SGBM())
+    monkeypatch.setattr("m3depth.evaluation.command.methods.load_estimator", lambda *_, **__: SGBM())
     for folder, file in (("image_2", "l"), ("image_3", "r")):
         (tmp_path / "data" / file).mkdir(parents=True)
         for path in (kitti / "train/training" / folder).glob("*_10.png"):
@@ -140,7 +140,7 @@ def test_maps_without_a_depth_that_can_be_used_end_a_command_in_one_line(
 @pytest.mark.parametrize("command", [train.main, evaluate.main])
 def test_depth_that_does_not_fit_the_images_gives_a_warning(tmp_path, monkeypatch, capsys, command) -> None:
     monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda *_, **__: SGBM())
+    monkeypatch.setattr("m3depth.evaluation.command.methods.load_estimator", lambda *_, **__: SGBM())
     data = tmp_path / "data"
     data.mkdir()
     for seed in range(2):
@@ -163,7 +163,7 @@ def test_depth_that_does_not_fit_the_images_gives_a_warning(tmp_path, monkeypatc
 @pytest.mark.parametrize("command", [train.main, evaluate.main])
 def test_sparse_maps_warn_that_they_give_no_normals(kitti, tmp_path, monkeypatch, capsys, command) -> None:
     monkeypatch.setitem(model_module.PRESETS, "lite", TINY)
-    monkeypatch.setattr("m3depth.evaluate.load_estimator", lambda *_, **__: SGBM())
+    monkeypatch.setattr("m3depth.evaluation.command.methods.load_estimator", lambda *_, **__: SGBM())
     warning = "--normals depth gives no normals, since it needs maps without gaps"
     words = ["--normals", "depth", "--device", "cpu"]
     words += ["--max-steps", "1", "--crop", "32", "64", "--validate-samples", "0"] if command is train.main else []

@@ -50,6 +50,15 @@ def test_another_evaluation_does_not_continue_from_it(tmp_path):
     assert (tmp_path / UNFINISHED).is_file()
 
 
+def test_a_file_of_an_earlier_version_belongs_to_another_evaluation(tmp_path, monkeypatch):
+    """It names its dependencies otherwise, and is not damaged."""
+    with monkeypatch.context() as patch:
+        patch.setattr("m3depth.evaluation.resume.DEPENDENCIES", "asked")
+        SavedState(tmp_path, ASKED).save({})
+    with pytest.raises(SavedStateError, match="belongs to an unfinished evaluation with another"):
+        SavedState(tmp_path, ASKED).load()
+
+
 @pytest.mark.parametrize("change", ["cut", "other bytes", "another npz", "pickled", "an array", "a list"])
 def test_a_damaged_file_is_named_and_nothing_in_it_is_executed(tmp_path, change):
     path = tmp_path / UNFINISHED

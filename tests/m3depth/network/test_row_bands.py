@@ -9,7 +9,7 @@ from m3depth.network.row_bands import by_rows
 
 @pytest.mark.parametrize("cached", [1, 500, 10**9])
 def test_bands_give_what_all_rows_at_once_give(monkeypatch, cached: int) -> None:
-    monkeypatch.setattr(row_bands, "CACHED", cached)
+    monkeypatch.setattr(row_bands, "BAND_ON_CPU", cached)
     calls: list[int] = []
 
     def doubled(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
@@ -32,7 +32,7 @@ def test_a_gpu_computes_large_maps_whole() -> None:
 
 
 def test_what_is_trained_is_computed_at_once(monkeypatch) -> None:
-    monkeypatch.setattr(row_bands, "CACHED", 1)
+    monkeypatch.setattr(row_bands, "BAND_ON_CPU", 1)
     x = torch.randn(1, 1, 8, 8, requires_grad=True)
     calls: list[int] = []
     by_rows(lambda rows: calls.append(rows.shape[-2]) or 2 * rows, x).sum().backward()
@@ -48,7 +48,7 @@ def test_the_network_gives_the_same_maps_in_bands(monkeypatch) -> None:
     camera = torch.tensor([[60.0, 60.0, 47.5, 23.5]])
     results = []
     for cached in (10**9, 2000):
-        monkeypatch.setattr(row_bands, "CACHED", cached)
+        monkeypatch.setattr(row_bands, "BAND_ON_CPU", cached)
         with torch.inference_mode():
             results.append(network(left, right, camera))
     for name in ("disparity", "normal", "confidence", "sky"):

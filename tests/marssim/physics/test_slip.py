@@ -194,7 +194,7 @@ def test_a_place_and_its_mirror_image_are_driven_alike(slope, turn, monkeypatch)
     for side in (1, -1):
         sand = np.broadcast_to(side * (np.arange(101) * CELL - 5.0) > 0.52, (101, 101)).T
         soils = SoilMap(np.stack([sand, np.zeros_like(sand), ~sand], axis=-1).astype(float), -5.0)
-        monkeypatch.setattr(SoilMap, "of", lambda *_, soils=soils: soils)
+        monkeypatch.setattr(SoilMap, "from_scene", lambda *_, soils=soils: soils)
         way, yaw, slippage = settled_drive(slope(0), "scene", 0.0, side * turn)
         motions.append([way[0], side * way[1], side * yaw, slippage.slip, slippage.sinkage])
     np.testing.assert_allclose(motions[0], motions[1], atol=1e-6)

@@ -310,6 +310,18 @@ def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
     assert (code, output) == (130, "error: interrupted; nothing was written\n")
 
 
+def test_an_interruption_while_pytorch_writes_a_file_is_one_line(capsys):
+    """Its writer then complains of the file's end."""
+
+    def end(_):
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise RuntimeError("[enforce fail at inline_container.cc:672] . unexpected pos 55232 vs 55120")
+
+    assert run(capsys, end) == (130, "error: interrupted; the same command goes on from here\n")
+
+
 def test_an_interruption_that_a_compiled_function_turned_into_a_system_error_is_one_line(capsys):
     def end(_):
         try:
