@@ -80,7 +80,7 @@ class Frame:
     """When the images were taken [s]. Only a bag needs it."""
     true_body: np.ndarray | None = None
     """(4, 4) true pose of the rover, body to world, if `camera_pose` is that of its odometry. Only a bag needs it."""
-    driven: tuple[float, float] | None = None
+    commanded: tuple[float, float] | None = None
     """Speed [m/s] and yaw rate [rad/s] that the rover was commanded at this frame; None if that is not known. Where the
     navigator commands the same and the rover stood still, the rover met something that it did not see."""
 
@@ -122,7 +122,9 @@ def replay(
             frame.depth, frame.confidence, frame.rig, body, place, frame.pan, frame.depth is None, obeyed
         )
         commands.append(command)
-        obeyed = frame.driven is not None and np.allclose((command.speed, command.yaw_rate), frame.driven, atol=ALIKE)
+        obeyed = frame.commanded is not None and np.allclose(
+            (command.speed, command.yaw_rate), frame.commanded, atol=ALIKE
+        )
         if watch is not None:
             watch(frame, navigator, command)
         if command.over:
@@ -130,7 +132,7 @@ def replay(
     return commands
 
 
-def recorded(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
+def dataset_frames(dataset: StereoDataset, scene: int) -> Iterator[Frame]:
     """Yield the frames of one scene of a dataset with their true depth, in the order in which they were taken."""
     for number, entry in enumerate(dataset.index["samples"]):
         if int(entry["name"].split("/")[0]) == scene:
@@ -179,7 +181,7 @@ def area_of(drive: DriveFile) -> Area | None:
     return x0, y0, x1, y1
 
 
-def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
+def drive_frames(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
     """Yield the frames of a drive that envs.evaluate recorded, at the poses that the odometry gave, without images.
 
     Raises:
@@ -193,8 +195,10 @@ def driven(drive: DriveFile, spec: RoverSpec = ZHURONG) -> Iterator[Frame]:
             raise DatasetError(f"{drive.path}: steps[{n}] has no depth, although the rover looked there")
         time = n * drive.content["step_seconds"]
         command = step["command"]
-        driven = None if command is None else (float(command["speed"]), float(command["yaw_rate"]))
-        yield Frame(depth, confidence, drive.rig, camera_pose, step["pan"], time=time, true_body=true, driven=driven)
+        commanded = None if command is None else (float(command["speed"]), float(command["yaw_rate"]))
+        yield Frame(
+            depth, confidence, drive.rig, camera_pose, step["pan"], time=time, true_body=true, commanded=commanded
+        )
 
 
 def _body_pose(drive: DriveFile, step: int, name: str) -> np.ndarray:
@@ -259,7 +263,7 @@ def _work(config: ReplayConfig) -> None:
         if config.mount:
             raise ValueError(f"--mount is for a dataset; the cameras of {config.data} are where Zhurong has them")
         drive, spec = read_drive(config.data), ZHURONG
-        frames, title, area = list(driven(drive)), config.data.name, area_of(drive)
+        frames, title, area = list(drive_frames(drive)), config.data.name, area_of(drive)
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
     else:
         frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
@@ -337,7 +341,7 @@ def _frames_of_dataset(config: ReplayConfig) -> list[Frame]:
                 "drives; recordings of other rovers are replayed in Python, by nav.replay.replay"
             )
     dataset = StereoDataset(config.data)
-    frames = list(recorded(dataset, config.scene))
+    frames = list(dataset_frames(dataset, config.scene))
     if not frames:
         raise DatasetError(f"{config.data}: holds no scene {config.scene}")
     settings = dataset.index.get("config")

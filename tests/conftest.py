@@ -4,10 +4,13 @@ import os
 import re
 import shutil
 import signal
+import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -17,6 +20,7 @@ from marssim.base.images.figure_pixels import figure_pixels
 
 # With two threads, PyTorch's results may differ from run to run in their last bits. So set before torch is imported.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+cv2.setNumThreads(1)
 
 # Times on shared machines mean nothing: no deadlines. Few examples, the same ones each time: the suite stays fast.
 settings.register_profile("suite", deadline=None, max_examples=50, derandomize=True)
@@ -74,6 +78,22 @@ def pytorch_by_default() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("m3depth.runtimes.choice.openvino_is_installed", lambda: False)
         yield
+
+
+@pytest.fixture
+def start_session() -> Iterator[Callable[..., subprocess.Popen]]:
+    """Return what starts a process in a session of its own, as subprocess.Popen does, until the test ends."""
+    processes: list[subprocess.Popen] = []
+
+    def start(*arguments: Any, **keywords: Any) -> subprocess.Popen:
+        processes.append(subprocess.Popen(*arguments, start_new_session=True, **keywords))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 @pytest.fixture

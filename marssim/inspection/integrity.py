@@ -18,8 +18,9 @@ from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
 from marssim.base.dataset.marks import MARK_NOTES, SETTINGS
 from marssim.base.dataset.sample import IMAGES, RAW, recorded_mount, recorded_time, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.pose import recorded_pose
 from marssim.base.results.lock import LOCK
-from marssim.base.right_image import is_rotation, recorded_rotation
+from marssim.base.right_image import recorded_rotation
 from marssim.scene.trajectory import TRAJECTORY, tum_lines
 
 CALIBRATION = "calibration"  # folder of the calibration files, in a dataset with raw pairs
@@ -228,8 +229,7 @@ def _check_meta(meta: dict[str, Any]) -> StereoRig:
     for field in ("rig", "pose"):
         if field not in meta:
             raise ValueError(f"field '{field}' is missing")
-    if not is_rotation(_numbers(meta["pose"], (4, 4))[:3, :3]):
-        raise ValueError("pose is not a 4 x 4 rigid motion")
+    recorded_pose(meta["pose"])
     recorded_rotation(meta.get("right_rotation"))
     recorded_time(meta, 0.0)
     recorded_mount(meta)

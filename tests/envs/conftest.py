@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -18,8 +17,6 @@ from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.rocks.shapes import icosphere
 from marssim.scene.scene import Scene, SceneConfig
 from marssim.scene.terrain import HeightGrid, Terrain
-
-cv2.setNumThreads(1)
 
 LOOK = Look(np.array([0.6, 0.0, 0.8]), 0.5, 1.0, 1.0, 0, 0.5, 0.5, 0.0, 0.0, 0.3)
 

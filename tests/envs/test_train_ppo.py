@@ -168,7 +168,7 @@ def test_it_goes_on_with_what_is_left_of_its_budgets_and_on_other_courses(tmp_pa
     assert path.read_bytes() == whole
 
 
-def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path, small_place):
+def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path, small_place, start_session):
     program = (
         "import sys; from pathlib import Path; from marssim.base.command.run import exit_code\n"
         "from envs.train_ppo import PPOConfig, train\n"
@@ -176,11 +176,12 @@ def test_a_signal_to_all_of_its_processes_ends_it_in_order(tmp_path, small_place
         "sys.exit(exit_code(lambda: train(config, rollout=8)))"
     )
     command = [sys.executable, "-c", program, str(tmp_path), str(small_place)]
-    process = subprocess.Popen(command, stdout=-1, stderr=-1, text=True, start_new_session=True)
-    for _ in range(600):
+    process = start_session(command, stdout=-1, stderr=-1, text=True)
+    for _ in range(3000):
         if (tmp_path / "log.jsonl").is_file() or process.poll() is not None:
             break
         time.sleep(0.1)
+    assert (tmp_path / "log.jsonl").is_file()
     os.killpg(process.pid, signal.SIGTERM)
     _, printed = process.communicate(timeout=60)
     assert printed.strip().splitlines()[-1] == "error: interrupted; the same command goes on from here"

@@ -9,6 +9,7 @@ from typing import Any, get_type_hints
 
 import docstring_parser
 import pytest
+from command_lines import CONFIGS, config_of
 
 from marssim.scene.rocks.population import RockConfig
 
@@ -17,14 +18,17 @@ COMMANDS = {  # configs of the commands' flags, with values for those that have 
     "marssim.verify:VerifyConfig": {"data": Path("data")},
     "marssim.export:ExportConfig": {"data": Path("data"), "format": "kitti", "out": Path("out")},
     "marssim.slopes:SlopesConfig": {},
+    "marssim.mesh:MeshOptions": {"out": Path("place.glb")},
     "marssim.abundance:AbundanceConfig": {"rocks": RockConfig()},
     "m3depth.ablation.config:AblateOptions": {"data": (Path("data"),), "out": Path("out"), "steps": 1},
     "m3depth.prediction.options:PredictOptions": {"images": (Path("a"), Path("b")), "out": Path("out")},
     "nav.map:MapOptions": {"data": Path("data"), "out": Path("out")},
+    "nav.replay:ReplayConfig": {"data": Path("data")},
+    "m3depth.rectification.options:RectifyOptions": {"images": (Path("a"), Path("b")), "out": Path("out")},
     "m3depth.export:ExportOptions": {"out": Path("model.onnx")},
     "m3depth.texture:TextureOptions": {"images": (Path("data"),), "out": Path("out")},
-    "m3depth.evaluate:EvaluateOptions": {"data": Path("data"), "out": Path("out")},
-    "m3depth.train:TrainConfig": {"data": (Path("data"),), "out": Path("out")},
+    "m3depth.evaluation.command.options:EvaluateOptions": {"data": Path("data"), "out": Path("out")},
+    "m3depth.training.config:TrainConfig": {"data": (Path("data"),), "out": Path("out")},
     "envs.train_ppo:PPOConfig": {"out": Path("out")},
     "envs.demo:DemoConfig": {},
     "envs.drives.config:EvaluateConfig": {"out": Path("out")},
@@ -63,6 +67,16 @@ def help_of(config: type, name: str) -> str:
             if entry.arg_name == name:
                 return " ".join((entry.description or "").split())
     return ""
+
+
+def test_the_help_of_every_command_with_numbers_is_checked():
+    numbers = set()
+    for command in CONFIGS:
+        hints = get_type_hints(config_of(command)).values()
+        if any(re.search(r"\b(int|float)\b", str(hint)) or is_dataclass(hint) for hint in hints):
+            numbers.add(command)
+    listed = {getattr(import_module(module), name) for module, name in (each.split(":") for each in COMMANDS)}
+    assert {config_of(command) for command in numbers} <= listed
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -15,7 +15,7 @@ from marssim.base.camera import NATECAM
 from marssim.base.dataset.drive_file import MAP_CODES, height_codes
 from nav.ground.elevation import ElevationConfig
 from nav.navigator import Navigator, NavigatorConfig
-from nav.replay import area_of, driven, replay
+from nav.replay import area_of, drive_frames, replay
 
 
 def test_every_step_of_an_arrival_has_its_decision(arrival):
@@ -112,7 +112,7 @@ def test_a_recorded_drive_can_be_replayed(arrival):
     """The navigator decides in each place as it did in the drive, but for what codes and true places round."""
     drive, _ = arrival
     area = area_of(drive)
-    commands = replay(driven(drive), drive.content["episode"]["goal"], area=area)
+    commands = replay(drive_frames(drive), drive.content["episode"]["goal"], area=area)
     assert area is not None and area[0] == area[1] == -area[2] == -area[3] < -3.5  # about the start and the goal
     assert len(commands) == len(drive.steps)
     assert [c.status for c in commands[:-1]] == [s["status"] for s in drive.steps[:-1]]

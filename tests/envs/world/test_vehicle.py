@@ -3,6 +3,7 @@ import pytest
 
 from envs.world.vehicle import CHECK_EVERY, make_vehicle
 from marssim.base.rover_spec import ZHURONG
+from marssim.physics.state import rotation
 
 
 @pytest.fixture
@@ -97,3 +98,17 @@ def test_the_parts_of_a_vehicle_stand_where_it_stands(put_down, dynamics):
     points = np.concatenate([p.vertices @ p.pose[:3, :3].T + p.pose[:3, 3] for p in parts])
     np.testing.assert_allclose(points.mean(axis=0)[:2], [1, 2], atol=0.5)
     assert points[:, 2].min() == pytest.approx(0, abs=0.03) and points[:, 2].max() > 1.1  # wheels and mast
+
+
+def test_the_parts_turn_with_the_rover_and_the_head_with_the_mast(put_down):
+    vehicle = put_down("kinematic", 1.0, 2.0, 0.5)
+    other = put_down("kinematic", 1.0, 2.0, 0.9)
+    for part, turned in zip(vehicle.mesh(), other.mesh(), strict=True):
+        np.testing.assert_allclose(turned.pose[:3, :3], rotation(0.0, 0.0, 0.4) @ part.pose[:3, :3], atol=1e-6)
+    ahead, panned = vehicle.mesh(), vehicle.mesh(0.4)
+    moved = [part for part, after in zip(ahead, panned, strict=True) if not np.allclose(part.pose, after.pose)]
+    assert len(moved) == 3  # the head and its two lenses
+    for part, after in zip(ahead, panned, strict=True):
+        if any(part is head for head in moved):
+            np.testing.assert_allclose(after.pose[:3, 3], part.pose[:3, 3])
+            np.testing.assert_allclose(after.pose[:3, :3], part.pose[:3, :3] @ rotation(0.0, 0.0, 0.4), atol=1e-9)

@@ -40,13 +40,13 @@ def test_the_curve_is_that_of_sorted_pixels(seed):
 
 
 @given(
-    hnp.arrays(np.float32, 50, elements=st.floats(0, 1, width=32)),
-    hnp.arrays(np.float64, 50, elements=st.floats(0, 200)),
+    hnp.arrays(np.float32, 50, elements=st.floats(0, 1, width=32), fill=st.nothing()),
+    hnp.arrays(np.float64, 50, elements=st.floats(0, 200), fill=st.nothing()),
 )
 def test_nothing_lies_below_the_oracle(confidence, error):
     figures = curves(confidence, error)
     if not figures:
-        assert len(np.unique(confidence)) < 50
+        assert confidence.min() == confidence.max()
         return
     slack = 1e-6 + 0.02 * np.array(figures["epe"])  # width of the oracle's bins
     assert (np.array(figures["epe"]) >= np.array(figures["oracle_epe"]) - slack).all()

@@ -199,11 +199,11 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_no_worker_outlives_its_parent(tmp_path, number):
+def test_no_worker_outlives_its_parent(tmp_path, number, start_session):
     """A worker must not write while the same command runs again. Ctrl-C reaches all, but only one may print."""
     script = tmp_path / "script.py"
     script.write_text(PROGRAM.format(tests=str(Path(__file__).parent), folder=str(tmp_path)))
-    process = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.PIPE, start_new_session=True, text=True)
+    process = start_session([sys.executable, str(script)], stderr=subprocess.PIPE, text=True)
     wait_for(lambda: all((tmp_path / name).is_file() and (tmp_path / name).read_text() for name in "ab"))
     if number == signal.SIGINT:
         os.killpg(process.pid, number)

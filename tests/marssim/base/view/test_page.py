@@ -55,17 +55,17 @@ def test_the_slider_shows_another_shot_with_its_own_choices_and_parts():
         assert page._colour.options == ("image", "depth") and page._legend.content == "the left image"
         assert page._boxes.keys() == {"Cloud", "Cameras", "Path"}
         page._slider.value = 2
-        wait_until(lambda: "Map" in page._boxes, 5)
+        wait_until(lambda: "Map" in page._boxes)
         assert page._colour.options == ("depth",) and page._colour.value == "depth"
         assert page._name.content == "**wall 1** 1600 points; drive"
         page._boxes["Map"].value = False
-        wait_until(lambda: not page._drawing.group("Map").visible, 5)
+        wait_until(lambda: not page._drawing.group("Map").visible)
         page._slider.value = 3
-        wait_until(lambda: page._name.content == "**wall 2** cannot be shown: depth.npy: is broken", 5)
+        wait_until(lambda: page._name.content == "**wall 2** cannot be shown: depth.npy: is broken")
         page._slider.value = 2
-        wait_until(lambda: page._name.content == "**wall 1** 1600 points; drive", 5)
+        wait_until(lambda: page._name.content == "**wall 1** 1600 points; drive")
         page._slider.value = 3
-        wait_until(lambda: "cannot be shown" in page._name.content, 5)
+        wait_until(lambda: "cannot be shown" in page._name.content)
 
 
 def test_a_shot_without_points_has_no_choice_of_colours():
@@ -74,8 +74,8 @@ def test_a_shot_without_points_has_no_choice_of_colours():
         assert not page._colour.visible and not page._size.visible and page._name.content == "**wall 0** goal"
         assert page._boxes.keys() == {"Cameras", "Path", "Goal"}
         page._slider.value = 2
-        wait_until(lambda: page._colour.visible and page._colour.value == "image", 5)
-        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path"}, 5)
+        wait_until(lambda: page._colour.visible and page._colour.value == "image")
+        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path"})
 
 
 def test_boxes_are_those_of_the_present_shot_and_remember_what_was_hidden():
@@ -85,9 +85,9 @@ def test_boxes_are_those_of_the_present_shot_and_remember_what_was_hidden():
         assert shown_boxes(page) == {"Cloud", "Cameras", "Path", "Map"}
         page._boxes["Map"].value = False
         page._slider.value = 3
-        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Goal"}, 5)
+        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Goal"})
         page._slider.value = 1
-        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path", "Map"}, 5)
+        wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path", "Map"})
         assert not page._boxes["Map"].value and not page._drawing.group("Map").visible
 
 
@@ -96,14 +96,14 @@ def test_the_first_points_set_the_size_of_points_and_then_the_user():
     with Page(shots(course, wall(RED), course, wall(BLUE)), "course", 0) as page:
         assert page._drawing._cloud is None and not page._size.visible  # Chromium warns of a cloud without points
         page._slider.value = 2
-        wait_until(lambda: page._size.visible, 5)
+        wait_until(lambda: page._size.visible)
         assert page._size.value == 50.0 and page._drawing._cloud.point_size == 0.05  # 40 px of 40 px at 2 m
         page._size.value = 20.0
-        wait_until(lambda: page._drawing._cloud.point_size == 0.02, 5)
+        wait_until(lambda: page._drawing._cloud.point_size == 0.02)
         page._slider.value = 3
-        wait_until(lambda: page._drawing._cloud is None, 5)
+        wait_until(lambda: page._drawing._cloud is None)
         page._slider.value = 4
-        wait_until(lambda: page._size.visible, 5)
+        wait_until(lambda: page._size.visible)
         assert page._size.value == 20.0 and page._drawing._cloud.point_size == 0.02
 
 

@@ -1,3 +1,0 @@
-import cv2
-
-cv2.setNumThreads(1)
