@@ -30,6 +30,11 @@ def shards(small_suite, make_suite_config, tmp_path_factory):
     return folder / "1", folder / "2"
 
 
+def test_no_shards_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="name the folders of one shard or more"):
+        JoinConfig((), tmp_path / "all")
+
+
 def test_joined_shards_are_the_evaluation_without_shards(shards, suite_run, tmp_path):
     joined = join(JoinConfig(shards, tmp_path / "all"))
     whole = json.loads((suite_run / "results.json").read_text())

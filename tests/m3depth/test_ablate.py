@@ -87,6 +87,9 @@ def test_a_study_is_trained_scored_and_reported(ablated) -> None:
 
 def test_runs_are_shared_between_studies(tmp_path) -> None:
     options = AblateOptions((tmp_path,), tmp_path, steps=1)
+    for name in ("data", "studies", "seeds"):
+        with pytest.raises(ValueError, match=f"{name} must name at least one"):
+            replace(options, **{name: ()})
     names = [run.folder.name for run in plan(options)]
     assert len(names) == len(set(names)) == 22
     both = replace(options, studies=("components", "loss"), seeds=(0, 1, 0))

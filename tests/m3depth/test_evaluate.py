@@ -96,6 +96,18 @@ class Worse:
         return Scaled(1 + 0.01 * self.times).infer(left, right, rig)
 
 
+def test_a_bug_in_scoring_shows_its_traceback(folder, tmp_path, monkeypatch):
+    """A ValueError is a mistake of the user while the flags are checked, and none after that."""
+
+    def wrong(*_, **__):
+        raise ValueError("operands could not be broadcast together")
+
+    monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
+    monkeypatch.setattr("m3depth.evaluate.evaluate", wrong)
+    with pytest.raises(RuntimeError, match="scoring failed: operands could not be broadcast"):
+        main(["--data", str(folder), "--out", str(tmp_path / "out")])
+
+
 def test_known_errors_are_measured(folder):
     done = evaluate(StereoDataset(folder, "test"), {"right": Scaled(1.0), "off": Scaled(1.1)}, examples=2)
     assert done.results["right"]["depth"]["all"]["pooled"]["abs_rel"] < 1e-4  # the disk's rounding

@@ -31,6 +31,17 @@ def test_what_was_written_is_read(written):
     assert read_record(written(abs_rel=None, blind=2)).blind == 2
 
 
+@pytest.mark.parametrize("change", ["another field", "a missing field"])
+def test_a_record_of_another_version_is_named(written, change):
+    path = written(colour="red") if change == "another field" else written()
+    if change == "a missing field":
+        path.write_text(json.dumps({name: value for name, value in asdict(DRIVE).items() if name != "outcome"}))
+    with pytest.raises(
+        DatasetError, match=rf"^{re.escape(str(path))}: not an episode of this version; delete the file"
+    ):
+        read_record(path)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [

@@ -619,6 +619,14 @@ def test_an_unsorted_list_is_split_by_its_pairs(tmp_path) -> None:
     assert [len(open_pairs(tmp_path / "mine.txt", part, config)) for part in SPLITS] == [14, 4, 2]
 
 
+def test_lists_that_are_missing_are_named(tmp_path) -> None:
+    config = DataConfig(format="list", focal=50, baseline=0.27)
+    with pytest.raises(DatasetError, match=r"holds no list named train\.txt, val\.txt or test\.txt"):
+        open_pairs(tmp_path, "all", config)
+    with pytest.raises(DatasetError, match=r"mine\.txt: no such list"):
+        read_list(tmp_path / "mine.txt", (3,))
+
+
 def test_a_list_that_is_not_text_is_named(tmp_path) -> None:
     (tmp_path / "mine.txt").write_bytes(b"\x89PNG\r\n")
     with pytest.raises(DatasetError, match=r"mine\.txt: is not a text file"):

@@ -265,6 +265,20 @@ def test_a_scene_may_draw_its_own_place_and_keeps_off_gaps(tmp_path):
         build(path, heightmap_at=(-20.0, 0.0))
 
 
+def test_a_map_with_gaps_everywhere_has_no_place_to_draw(tmp_path):
+    values = np.zeros((120, 120), np.float32)
+    values[::8, ::8] = np.nan
+    np.save(tmp_path / "map.npy", values)
+    with pytest.raises(ValueError, match=r"map\.npy: no place without gaps in the data was found for a scene of \d+ m"):
+        build(tmp_path / "map.npy", heightmap_scale=1.0, heightmap_at=None)
+
+
+def test_a_map_of_one_row_is_refused(tmp_path):
+    np.save(tmp_path / "map.npy", np.zeros((1, 120)))
+    with pytest.raises(ValueError, match=r"map\.npy: has 120 x 1 cells, too few"):
+        build(tmp_path / "map.npy", heightmap_scale=1.0)
+
+
 @pytest.mark.parametrize(
     ("kind", "nodata", "empty"),
     [

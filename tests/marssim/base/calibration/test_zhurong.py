@@ -87,6 +87,10 @@ def test_the_directions_in_labels_of_zhurong_give_the_orientation_whatever_the_a
     files[0].write_text(zhurong_label([0.0, 0.0, 0.0], angles, wrong))
     with pytest.raises(ValueError, match=r"left.2CL: .*misses the focal length and the principal point by \d"):
         read_raw_calibration(files)
+    nowhere = {**zhurong_directions(rotation), "Center_Point_Observe_Vector": np.zeros(3)}
+    files[0].write_text(zhurong_label([0.0, 0.0, 0.0], angles, nowhere))
+    with pytest.raises(ValueError, match=r"left.2CL: .* has a direction without length"):
+        read_raw_calibration(files)
 
 
 def test_without_directions_the_orientation_of_zhurong_is_said_to_be_uncertain(tmp_path):
