@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from marssim.base.command.flags import parse
 from marssim.base.command.listing import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -110,6 +111,33 @@ def test_every_command_line_of_the_pages_parses(page, line, reference_pages, cap
         reference_pages.parse(module, args)
     except SystemExit as end:
         assert not end.code, f"{page}: {line}\n{capsys.readouterr().err}"
+
+
+def script_lines(page: Path) -> list[str]:
+    """The command lines of a page that call a script of docs/ with flags, each as one line."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = [line.strip() for line in text.splitlines() if re.match(r" {4,}\S", line)]
+    return [line for line in lines if re.match(r"([A-Z_]+=\S* )*python docs/\S+\.py( |$)", line)]
+
+
+SCRIPT_LINES = [(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in script_lines(page)]
+
+
+@pytest.mark.parametrize(("page", "line"), SCRIPT_LINES, ids=lambda value: value[:60])
+def test_every_command_line_of_a_script_parses(page, line, monkeypatch):
+    words = shlex.split(line, comments=True)
+    at = next(number for number, word in enumerate(words) if word.startswith("docs/"))
+    script = ROOT / words[at]
+    monkeypatch.syspath_prepend(str(script.parent))
+    options = getattr(import_module(script.stem), "Options", None)
+    if options is None:
+        assert len(words) == at + 1 or words[at] == "docs/make_page_image.py", f"{page}: {line}"
+    else:
+        parse(options, "script", None, words[at + 1 :])
+
+
+def test_the_guides_hold_lines_of_scripts():
+    assert len(SCRIPT_LINES) > 25
 
 
 def test_the_words_of_a_page_name_no_flag_that_is_none(reference_pages):
