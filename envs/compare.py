@@ -4,9 +4,9 @@
     python -m envs.compare out/mine out/theirs --out out/comparison
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
-to the first method of the first file. A second table has the failures: how they ended, and why, if they were recorded.
-A third one has the correlation of success and SPL with the errors of the depth on the way: which metric of the depth
-goes with drives.
+to the first method of the first file, or to --reference. A second table has the failures: how they ended, and why, if
+they were recorded. A third one has the correlation of success and SPL with the errors of the depth on the way: which
+metric of the depth goes with drives.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table, dots_without_each_course
-from envs.comparison.methods import methods_of
+from envs.comparison.methods import methods_of, under_conditions, with_first
 from envs.comparison.plots import plot_comparison, plot_depth_metrics
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
@@ -45,6 +45,11 @@ class CompareConfig:
     track: Literal["eyes", "drivers", "both"] = "both"
     """Methods to compare: eyes (the navigator drives, so only the perception counts), drivers (all see true depth), or
     both (any driver with any perception)."""
+    condition: tuple[str, ...] = ()
+    """Conditions to compare, over which the row `all` is then. Left out: all that the methods drove."""
+    reference: str | None = None
+    """Method that the others are compared to, as the tables name it, such as "navigator, sgbm". Left out: the first one
+    of the first file."""
     suite: str | None = None
     """Name or file of the suite, for one that is not in the package."""
     check: bool = False
@@ -62,9 +67,9 @@ class CompareConfig:
                     f"the file {path} is given twice{f', also as {read[file]}' if read[file] != path else ''}"
                 )
             read[file] = path
-        if self.check and (self.out is not None or self.track != "both"):
-            given = "--track" if self.out is None else "--out"
-            raise ValueError(f"{given} is for a comparison; with --check, the files are only checked")
+        for name, default in (("out", None), ("track", "both"), ("condition", ()), ("reference", None)):
+            if self.check and getattr(self, name) != default:
+                raise ValueError(f"--{name} is for a comparison; with --check, the files are only checked")
 
 
 def compare(config: CompareConfig) -> dict[str, Any]:
@@ -78,7 +83,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
         DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
             be told apart, or --out is a dataset.
         FolderInUse: Another command writes to --out.
-        ValueError: No method is on the track, or the methods have no episode in common.
+        ValueError: No method is on the track, no method drove a condition or is the reference, or the methods have no
+            episode in common.
     """
     files = [read_results(path, config.suite) for path in config.results]
     for file in files[1:]:
@@ -90,6 +96,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     methods = methods_of(files, config.track)
     if not methods:
         raise ValueError(f"no method of these files is on the track {config.track}")
+    methods = under_conditions(with_first(methods, config.reference), config.condition)
     dots = condition_dots(methods)
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from envs.comparison.suite_results import RESULTS, Episodes, Key, Method, SuiteResults
 from envs.world.perception import GROUND_TRUTH
@@ -76,6 +76,48 @@ def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, 
         episodes = {key: episode for part in parts for key, episode in part.episodes[method].items()}
         out[label] = DrivenMethod(*method, episodes, _digests(method, parts[0]), _runtime(method, parts))
     return out
+
+
+def with_first(methods: Mapping[str, DrivenMethod], label: str | None) -> dict[str, DrivenMethod]:
+    """Return the methods with one of them first; None leaves their order.
+
+    Args:
+        methods: By label.
+        label: Label of the first one, with or without a space after its comma.
+
+    Raises:
+        ValueError: There is no such method; the message lists them.
+    """
+    if label is None:
+        return dict(methods)
+    wanted = ", ".join(part.strip() for part in label.split(","))
+    if wanted not in methods:
+        raise ValueError(f"`reference` {label}: is no method of these files; choose from {'; '.join(methods)}")
+    return {wanted: methods[wanted], **methods}
+
+
+def under_conditions(methods: Mapping[str, DrivenMethod], conditions: Sequence[str]) -> dict[str, DrivenMethod]:
+    """Return the methods with their episodes under some conditions; without any, with all episodes.
+
+    Args:
+        methods: By label.
+        conditions: Names of conditions.
+
+    Raises:
+        ValueError: No method drove under one of them; the message lists those under which one did.
+    """
+    driven = list(dict.fromkeys(condition for method in methods.values() for condition, _ in method.episodes))
+    for condition in conditions:
+        if condition not in driven:
+            raise ValueError(f"`condition` {condition}: no method drove it; they drove {', '.join(driven)}")
+    return {
+        label: replace(
+            method, episodes={key: episode for key, episode in method.episodes.items() if key[0] in conditions}
+        )
+        if conditions
+        else method
+        for label, method in methods.items()
+    }
 
 
 def shared_episodes(methods: Mapping[str, DrivenMethod]) -> list[Key]:

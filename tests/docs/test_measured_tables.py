@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from envs.drives.metrics import paired_scores
 from envs.suites.suite import load_suite
@@ -231,10 +232,50 @@ def test_what_the_page_counts_on_test_is_in_the_files() -> None:
         f"Of the {len(failed)} drives that failed, {len(gave_up)} ended because the navigator found no path and gave "
         f"up: {gave_up.count('sgbm')} by SGBM, {gave_up.count('sad-sgm')} by semi-global SAD"
     ) in text
-    hits = [drive["perception"] for drive in failed if drive["outcome"] == "collision"]
-    counts = tuple(hits.count(method) for method in ("sad-sgm", "m3depth", "sgbm", "ground_truth"))
-    readme = " ".join((ROOT.parents[1] / "README.md").read_text().split())
-    assert "Collisions: semi-global SAD {}, M3Depth {}, SGBM {}, true depth {}.".format(*counts) in readme
+    rates = []
+    for method in ("ground_truth", "m3depth", "sgbm", "sad-sgm"):
+        of_method = [drive for drive in drives if drive["perception"] == method]
+        hits = sum(drive["outcome"] == "collision" for drive in of_method)
+        way = sum(drive["path_length"] for drive in of_method) / 1000
+        interval = chi2.ppf(0.025, 2 * hits) / 2, chi2.ppf(0.975, 2 * hits + 2) / 2  # exact, of a Poisson count
+        rates.append([f"{each / way:.2f}" for each in (hits, *interval)])
+    (true, *of_true), *others = rates
+    assert f"{true} for each kilometre with true depth (95 % interval {' to '.join(of_true)}, Poisson)" in text
+    for name, (rate, *interval) in zip(("M3Depth", "SGBM", "semi-global SAD"), others, strict=True):
+        assert f"{rate} by {name} ({' to '.join(interval)})" in text
+
+
+def test_where_the_lead_over_sgbm_comes_from_is_in_the_files() -> None:
+    files = sorted((ROOT / "marsnav-v1").glob("test-*-of-140.json"))
+    drives = [drive for file in files for drive in json.loads(file.read_text())["episodes"]]
+    four = {"smooth_dust", "dusty_lens", "warm_rig", "compressed"}
+    everything = {drive["condition"] for drive in drives}
+    parts = (everything, four, everything - four, {"clear"})
+    table = rows("marsnav-v1.md", "### Where M3Depth's lead over SGBM comes from\n")
+    for conditions, (_, goals, success, spl) in zip(parts, table, strict=True):
+        ours, sgbm = (
+            {
+                (drive["condition"], drive["course"]): (float(drive["success"]), drive["spl"])
+                for drive in drives
+                if drive["perception"] == method and drive["condition"] in conditions
+            }
+            for method in ("m3depth", "sgbm")
+        )
+        reached = [int(sum(arrived for arrived, _ in method.values())) for method in (ours, sgbm)]
+        assert goals == f"{reached[0]} and {reached[1]} of {len(ours)}"
+        less = paired_scores(ours, sgbm)
+        low, high = (100 * bound for bound in less["interval"])
+        assert success.removeprefix("+") == f"{100 * less['difference']:.0f} ({low:+.0f} to {high:+.0f})"
+        low, high = less["spl_interval"]
+        assert spl == f"{less['spl_difference']:+.2f} ({low:+.2f} to {high:+.2f})".replace("0.", ".")
+    lead = [drive["success"] * (1 if drive["perception"] == "m3depth" else -1) for drive in drives
+            if drive["perception"] in ("m3depth", "sgbm") and drive["condition"] in four]  # fmt: skip
+    assert sum(lead) == 40
+    outside = [drive for drive in drives if drive["condition"] in ("into_sun", "compressed", "half_pixels")]
+    names = ("m3depth", "ground_truth", "sgbm")
+    reached = [sum(drive["success"] for drive in outside if drive["perception"] == name) for name in names]
+    text = " ".join((ROOT / "marsnav-v1.md").read_text().split())
+    assert "M3Depth reaches {} of 60 goals, true depth {} and SGBM {}".format(*reached) in text
 
 
 def test_the_drives_of_learned_networks_over_smooth_dust_are_those_of_their_files() -> None:

@@ -277,11 +277,33 @@ def test_methods_of_several_files_are_compared_by_course(
         and "Suite small-v1, split dev, track both" in page
     )
     methods = {
-        row["method"] for row in compare(CompareConfig((theirs, suite_run), None, "drivers", str(small_suite)))["rows"]
+        row["method"]
+        for row in compare(CompareConfig((theirs, suite_run), None, "drivers", suite=str(small_suite)))["rows"]
     }
     assert methods == {"straight, ground_truth", "random, ground_truth"}
     assert main([str(suite_run), "--track", "eyes", "--suite", str(small_suite)]) == 2
     assert "no method of these files is on the track eyes" in capsys.readouterr().err
+
+
+def test_methods_are_compared_to_any_of_them_under_some_conditions(suite_run, small_suite, capsys):
+    whole = compare(CompareConfig((suite_run,), suite=str(small_suite)))["rows"]
+    assert whole[0]["method"] == "straight, ground_truth" and {row["condition"] for row in whole} > {"rare_looks"}
+    config = CompareConfig((suite_run,), None, "both", ("rare_looks",), "random,ground_truth", str(small_suite))
+    first, second = compare(config)["rows"]
+    assert (first["method"], first["less"]) == ("random, ground_truth", None)
+    other = next(row for row in whole if row["condition"] == "rare_looks" and row["less"] is not None)
+    assert second["less"]["difference"] == pytest.approx(-other["less"]["difference"])
+    assert (first["spl"], second["episodes"]) == (other["spl"], other["episodes"])
+    given = [str(suite_run), "--suite", str(small_suite)]
+    for flags, message in (
+        (["--condition", "storm"], "--condition storm: no method drove it; they drove clear, rare_looks"),
+        (
+            ["--reference", "navigator, sgbm"],
+            "--reference navigator, sgbm: is no method of these files; choose from str",
+        ),
+    ):
+        assert main([*given, *flags]) == 2
+        assert capsys.readouterr().err.startswith(f"error: {message}")
 
 
 def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
@@ -374,7 +396,9 @@ def test_a_file_that_is_given_twice_is_refused(suite_run, small_suite, capsys):
         assert f"{other} is given twice" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("flags", [["--out", "comparison"], ["--track", "eyes"]])
+@pytest.mark.parametrize(
+    "flags", [["--out", "comparison"], ["--track", "eyes"], ["--condition", "clear"], ["--reference", "a, b"]]
+)
 def test_a_check_takes_no_flags_of_a_comparison(suite_run, small_suite, capsys, flags):
     assert main([str(suite_run), "--suite", str(small_suite), "--check", *flags]) == 2
     assert f"error: {flags[0]} is for a comparison" in capsys.readouterr().err
