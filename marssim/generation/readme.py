@@ -6,6 +6,7 @@ from collections import Counter
 
 from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import SPLITS, StereoDataset
+from marssim.base.version import VERSION
 from marssim.generation.command_line import command_flags
 from marssim.generation.config import GenerateConfig
 from marssim.inspection.integrity import CALIBRATION
@@ -61,6 +62,9 @@ Each sample has a folder `scenes/<scene>/<view>/` with these files. Maps are tho
 the small rotation of the right camera that `--sensor.vertical-offset`, `--sensor.horizontal-offset` and
 `--sensor.rotation-deg` drew.
 {drive}{datum}{raw}
+The images are rendered by mars-m3depth {VERSION}, not taken on Mars; its data card says what they are not fit for. Its
+licence puts no condition on them.
+
 `dataset.json` lists all samples with the SHA-256 of their `sample.json`; `python -m marssim.verify DIR` checks them.
 
 Digest of all samples: `{dataset.digest}`

@@ -18,6 +18,7 @@ from marssim.base.camera import NATECAM
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError, read_json, write_json
 from marssim.base.results import lock
+from marssim.base.version import VERSION
 from marssim.engines.egl import Egl, probe
 from marssim.generate import GenerateConfig, generate_dataset, generate_scene
 from marssim.generation import scene_views
@@ -97,6 +98,7 @@ def test_a_dataset_has_its_samples_settings_sheet_and_readme(made):
     sheet = cv2.imread(str(made / "contact_sheet.png"))
     assert sheet is not None and sheet.std() > 10
     readme = (made / "README.md").read_text()
+    assert f"rendered by mars-m3depth {VERSION}, not taken on Mars" in readme
     assert dataset.digest in readme and "4 stereo pairs" in readme and "contact_sheet.png" in readme
     assert not list(made.rglob("*partial*"))
 
