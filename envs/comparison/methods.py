@@ -110,12 +110,9 @@ def under_conditions(methods: Mapping[str, DrivenMethod], conditions: Sequence[s
     for condition in conditions:
         if condition not in driven:
             raise ValueError(f"`condition` {condition}: no method drove it; they drove {', '.join(driven)}")
+    kept = set(conditions or driven)
     return {
-        label: replace(
-            method, episodes={key: episode for key, episode in method.episodes.items() if key[0] in conditions}
-        )
-        if conditions
-        else method
+        label: replace(method, episodes={key: each for key, each in method.episodes.items() if key[0] in kept})
         for label, method in methods.items()
     }
 

@@ -117,7 +117,7 @@ def newcombe_interval(both: float, first: float, second: float, neither: float, 
 
 
 def effective_drives(values: np.ndarray, courses: Sequence[int]) -> float:
-    """Return the effective number of drives: how many independent ones have as precise a mean as these, of few courses.
+    """Return the effective number of drives, of which several may be on one course, and then resemble each other.
 
     It is the number at which independent drives would have the mean's variance over courses (Korn and Graubard 1998,
     "Confidence intervals for proportions with small expected number of positive counts estimated from survey data"),
