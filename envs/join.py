@@ -21,10 +21,10 @@ import tyro
 
 from envs.comparison.methods import fullest_runtime
 from envs.comparison.suite_results import RESULTS
-from envs.drives.config import EvaluateConfig, shard_of
 from envs.drives.records import TIMES, read_record
-from envs.drives.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, VERSIONS, WEIGHTS
-from envs.evaluate import SETTINGS, write_results
+from envs.evaluation.config import SETTINGS, EvaluateConfig, shard_of
+from envs.evaluation.results import write_results
+from envs.evaluation.resume import NETWORKS, NOTES, OTHERS_RUNTIME, RUNTIME, VERSIONS, WEIGHTS
 from envs.recording.drive_page import DRIVES
 from envs.world.eyes import AS_IMAGES, FAST_PIXELS, EyesConfig
 from envs.world.perception import GROUND_TRUTH

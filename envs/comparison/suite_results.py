@@ -14,10 +14,10 @@ import numpy as np
 from envs.comparison.schema import results_schema
 from envs.courses.course import CourseConfig
 from envs.drivers.by_name import DRIVERS
-from envs.drives.config import shard_of
 from envs.drives.episodes import causes_of
 from envs.drives.metrics import spl
-from envs.drives.resume import RUNTIME, WEIGHTS
+from envs.evaluation.config import shard_of
+from envs.evaluation.resume import RUNTIME, WEIGHTS
 from envs.mars_nav import STEP_SECONDS
 from envs.suites.suite import SAME_WAY, Suite, load_suite, packaged_suites
 from envs.world.eyes import EyesConfig

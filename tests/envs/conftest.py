@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from envs.courses.course import Course, TrueGround
-from envs.drives.config import EvaluateConfig
 from envs.evaluate import evaluate
+from envs.evaluation.config import EvaluateConfig
 from envs.mars_nav import MarsNavEnv
 from envs.suites.making import make_suite, suite_text
 from envs.world.eyes import EyesConfig

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import torch
 
-import envs.evaluate
-from envs.drives.config import LOOK_FLAGS
 from envs.drives.episodes import Cell
-from envs.evaluate import SETTINGS, EvaluateConfig, Task, _drives_done, drive, evaluate, main
+from envs.evaluate import evaluate, main
+from envs.evaluation import driving
+from envs.evaluation.config import LOOK_FLAGS, SETTINGS, EvaluateConfig, Task
+from envs.evaluation.driving import drive, drives_done
 from envs.suites.conditions import under
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import UserCodeError
@@ -71,8 +72,7 @@ def test_an_evaluation_continues_where_it_was_stopped(finished, monkeypatch):
     lost.unlink()
     before = unchanged.stat().st_mtime_ns
     driven = []
-    drive = envs.evaluate.drive
-    monkeypatch.setattr("envs.evaluate.drive", lambda config, task, watch: driven.append(task) or drive(config, task))
+    monkeypatch.setattr(driving, "drive", lambda config, task, watch: driven.append(task) or drive(config, task))
     again = evaluate(EvaluateConfig(out, episodes=2, seed=3, **QUICK))
     assert without_times(again) == without_times(content)
     assert [task.file for task in driven] == [lost.name] and unchanged.stat().st_mtime_ns == before
@@ -80,7 +80,7 @@ def test_an_evaluation_continues_where_it_was_stopped(finished, monkeypatch):
 
 def test_a_damaged_record_is_named(tmp_path, monkeypatch):
     config = EvaluateConfig(tmp_path, episodes=1, **QUICK)
-    monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it is there already"))
+    monkeypatch.setattr("envs.evaluation.driving.run_episode", lambda *_: pytest.fail("it is there already"))
     (tmp_path / "episodes").mkdir()
     (tmp_path / SETTINGS).write_text(json.dumps({**config.content(), "weights": {}}))
     file = tmp_path / "episodes" / Task("straight", "ground_truth", config.cells[0], 0).file
@@ -192,7 +192,7 @@ def test_a_look_that_is_asked_for_holds_under_conditions_with_a_place_or_a_sun_o
     def make(*_, condition, **__):
         raise Made(condition)
 
-    monkeypatch.setattr(envs.evaluate, "MarsNavEnv", make)
+    monkeypatch.setattr(driving, "MarsNavEnv", make)
     config = EvaluateConfig(None, condition=("ledges", "low_sun"), optical_depth=5.0, sun_elevation_deg=30.0, **QUICK)
     looks = []
     for task in config.tasks[:2]:
@@ -329,7 +329,7 @@ def test_the_best_and_the_worst_are_filmed_once(films, tmp_path, monkeypatch):
         assert f'<a href="{film}">' in page
     assert len(list((tmp_path / "videos").iterdir())) == 4 and not list(tmp_path.rglob(".*"))
     assert [(d["driver"], d["less"]) for d in content["differences"]] == [("random", ["straight", "ground_truth"])]
-    monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was filmed already"))
+    monkeypatch.setattr("envs.evaluation.driving.run_episode", lambda *_: pytest.fail("it was filmed already"))
     evaluate(replace(config, film_courses=(0, 1)))
 
 
@@ -345,7 +345,7 @@ def test_the_courses_that_are_named_are_written_as_bags_once(tmp_path, monkeypat
     np.testing.assert_allclose(places, record["track"], atol=1e-6)  # the drive of the record
     *_, (_, last) = bag.messages(["/navigator/status"])
     assert last.data == record["outcome"]
-    monkeypatch.setattr("envs.evaluate.drive", lambda *_: pytest.fail("it was written already"))
+    monkeypatch.setattr("envs.evaluation.driving.run_episode", lambda *_: pytest.fail("it was written already"))
     evaluate(config)
 
 
@@ -409,10 +409,10 @@ def test_what_a_killed_film_left_is_deleted(finished, tmp_path):
 
 def test_every_environment_is_closed(monkeypatch, tmp_path):
     closed = []
-    monkeypatch.setattr("envs.evaluate.run_episode", lambda env, *_: closed.append(env))
-    monkeypatch.setattr("envs.evaluate.MarsNavEnv.close", lambda env: closed.append(env))
+    monkeypatch.setattr("envs.evaluation.driving.run_episode", lambda env, *_: closed.append(env))
+    monkeypatch.setattr("envs.evaluation.driving.MarsNavEnv.close", lambda env: closed.append(env))
     for episode in range(3):
-        envs.evaluate.drive(EvaluateConfig(tmp_path, **QUICK), Task("straight", "sgbm", Cell(), episode))
+        driving.drive(EvaluateConfig(tmp_path, **QUICK), Task("straight", "sgbm", Cell(), episode))
     assert len(closed) == 6 and closed[0::2] == closed[1::2]
 
 
@@ -423,7 +423,7 @@ def test_drives_compute_in_one_thread(monkeypatch, tmp_path):
         return cv2.getNumThreads(), torch.get_num_threads()
 
     threads, before = [], counts()
-    monkeypatch.setattr(envs.evaluate, "run_episode", lambda *_: threads.append(counts()))
+    monkeypatch.setattr(driving, "run_episode", lambda *_: threads.append(counts()))
     cv2.setNumThreads(2)
     torch.set_num_threads(2)
     try:
@@ -544,4 +544,4 @@ def test_only_drives_of_the_evaluation_count_as_done(tmp_path):
     (tmp_path / "episodes").mkdir()
     for name in (config.tasks[1].file, "of-another-shard.json"):
         (tmp_path / "episodes" / name).touch()
-    assert _drives_done(config) == "1 of 3 drives done"
+    assert drives_done(config) == "1 of 3 drives done"

@@ -5,9 +5,9 @@ from dataclasses import asdict
 import pytest
 from recorded_drives import drive_bytes
 
-from envs.drives.config import EvaluateConfig
 from envs.drives.records import read_record
 from envs.evaluate import evaluate
+from envs.evaluation.config import EvaluateConfig
 from envs.join import JoinConfig, _absent, join, main
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 
@@ -49,7 +49,7 @@ def test_the_versions_are_those_of_the_shards_and_not_of_the_machine_that_joins(
     content = json.loads((other / "results.json").read_text())
     content["versions"]["processor"] = "of another laboratory"
     (other / "results.json").write_text(json.dumps(content))
-    monkeypatch.setattr("envs.drives.resume.versions", lambda: {"python": "of the machine that joins"})
+    monkeypatch.setattr("envs.evaluation.resume.versions", lambda: {"python": "of the machine that joins"})
     assert join(JoinConfig(shards, tmp_path / "alike"))["versions"] == driven
     unlike = driven | {"processor": [driven["processor"], "of another laboratory"]}
     assert join(JoinConfig((shards[0], other), tmp_path / "unlike"))["versions"] == unlike

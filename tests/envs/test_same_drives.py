@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-import envs.evaluate
 from envs.evaluate import evaluate
+from envs.evaluation import driving
 from envs.join import JoinConfig, join
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
@@ -61,7 +61,7 @@ def test_drives_by_depth_do_not_depend_on_workers_shards_or_a_kill(
     join(JoinConfig(tuple(shard.out for shard in shards), tmp_path / "joined"))
     steps = sum(record["steps"] for record in expected.values())
     with monkeypatch.context() as patch:
-        patch.setattr(envs.evaluate, "StepLines", lambda *_: Interruption(steps - 2))
+        patch.setattr(driving, "StepLines", lambda *_: Interruption(steps - 2))
         with pytest.raises(KeyboardInterrupt):
             evaluate(config("resumed"))
     assert len(records("resumed")) == 1

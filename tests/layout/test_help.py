@@ -31,7 +31,7 @@ COMMANDS = {  # configs of the commands' flags, with values for those that have 
     "m3depth.training.config:TrainConfig": {"data": (Path("data"),), "out": Path("out")},
     "envs.train_ppo:PPOConfig": {"out": Path("out")},
     "envs.demo:DemoConfig": {},
-    "envs.drives.config:EvaluateConfig": {"out": Path("out")},
+    "envs.evaluation.config:EvaluateConfig": {"out": Path("out")},
     "envs.make_suite:MakeSuiteConfig": {"out": Path("out.json"), "name": "mine-v1"},
     "envs.rocks:RocksConfig": {"data": Path("data"), "out": Path("out")},
 }

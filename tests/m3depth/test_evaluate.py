@@ -515,7 +515,7 @@ def test_several_weights_are_scored_in_one_table_under_names_of_their_own(folder
 
 def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatch):
     """results.json as envs.evaluate --scores reads it."""
-    test_set_errors = pytest.importorskip("envs.drives.test_set_errors")
+    test_set_errors = pytest.importorskip("envs.evaluation.test_set_errors")
     scales = {"sgbm": 1.1}
     monkeypatch.setattr(f"{METHODS}.load_estimator", lambda name, *_, **__: Scaled(scales.get(name, 1.2)))
     monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)

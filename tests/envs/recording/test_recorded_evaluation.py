@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-import envs.evaluate
-from envs.drives.config import EvaluateConfig
 from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.metrics import paired_difference, summarise
 from envs.evaluate import evaluate
+from envs.evaluation import driving
+from envs.evaluation.config import EvaluateConfig
 from envs.recording.page_colours import colour_rules, outcome_style
 from envs.recording.results_page import FILMED, _files, write_results_page
 from envs.world.eyes import EyesConfig
@@ -121,8 +121,8 @@ def test_a_broken_drive_is_a_warning_and_has_no_page(recorded, tmp_path, capsys)
 def test_finished_drives_without_a_record_are_driven_again_for_it(recorded, tmp_path, monkeypatch):
     config, content = recorded
     config = replace(config, out=shutil.copytree(config.out, tmp_path / "out"))
-    driven, drive = [], envs.evaluate.drive
-    monkeypatch.setattr(envs.evaluate, "drive", lambda *a: driven.append(a[1]) or drive(*a))
+    driven, drive = [], driving.drive
+    monkeypatch.setattr(driving, "drive", lambda *a: driven.append(a[1]) or drive(*a))
     evaluate(config)
     assert driven == []
     shutil.rmtree(config.out / "drives")

@@ -34,7 +34,7 @@ CONFIGS = {  # the config of each command, and the least that it needs
     "m3depth.texture": ("m3depth.texture:TextureOptions", ["data", "--out", "out"]),
     "nav.replay": ("nav.replay:ReplayConfig", ["data"]),
     "nav.map": ("nav.map:MapOptions", ["data", "--out", "out"]),
-    "envs.evaluate": ("envs.drives.config:EvaluateConfig", ["--out", "out"]),
+    "envs.evaluate": ("envs.evaluation.config:EvaluateConfig", ["--out", "out"]),
     "envs.make_suite": ("envs.make_suite:MakeSuiteConfig", ["--out", "suite.json", "--name", "mine-v1"]),
     "envs.join": ("envs.join:JoinConfig", ["shard", "--out", "out"]),
     "envs.compare": ("envs.compare:CompareConfig", ["results.json"]),

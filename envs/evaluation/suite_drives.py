@@ -7,9 +7,9 @@ from dataclasses import fields, replace
 from typing import Any
 
 from envs.drivers.driver import Driver
-from envs.drives.config import EvaluateConfig
 from envs.drives.episodes import Cell, EpisodeRecord, Watch
 from envs.drives.metrics import spl
+from envs.evaluation.config import EvaluateConfig
 from envs.mars_nav import MarsNavEnv
 from envs.suites.conditions import condition_values
 from envs.suites.suite import load_suite

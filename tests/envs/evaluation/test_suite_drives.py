@@ -4,9 +4,9 @@ from dataclasses import replace
 import pytest
 
 import envs.evaluate
-from envs.drives.config import EvaluateConfig
-from envs.drives.suite_drives import values_of, with_suite
 from envs.evaluate import evaluate, main
+from envs.evaluation.config import EvaluateConfig
+from envs.evaluation.suite_drives import values_of, with_suite
 from marssim.base.files.json_file import DatasetError
 
 

@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from envs.drives.test_set_errors import errors_on_test_set
+from envs.evaluation.test_set_errors import errors_on_test_set
 from envs.world.perception import perception_digest
 from marssim.base.files.json_file import DatasetError
 

@@ -12,9 +12,10 @@ from types import SimpleNamespace
 import pytest
 from small_rivals import TINY
 
-import envs.evaluate
-from envs.drives.resume import NOTES, WEIGHTS, check_paths, noted_digests, noted_runtime, noted_versions
-from envs.evaluate import EvaluateConfig, evaluate, main
+import envs.evaluation.driving
+from envs.evaluate import evaluate, main
+from envs.evaluation.config import EvaluateConfig
+from envs.evaluation.resume import NOTES, WEIGHTS, check_paths, noted_digests, noted_runtime, noted_versions
 from m3depth.kinds.networks import new_network
 from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.files.json_file import DatasetError, read_json
@@ -72,7 +73,7 @@ def test_versions_and_machines_are_those_of_all_drives_and_of_no_other_run(file,
     folder = ResultFolder(file.parent / "out", "evaluation", file.name, SETTINGS, notes=NOTES)
     runs = (("one", True, "one"), ("two", False, "one"), ("two", True, ["one", "two"]), ("one", True, ["one", "two"]))
     for machine, driving, expected in runs:
-        monkeypatch.setattr("envs.drives.resume.versions", lambda machine=machine: {"processor": machine})
+        monkeypatch.setattr("envs.evaluation.resume.versions", lambda machine=machine: {"processor": machine})
         with folder.claim():
             assert noted_versions(folder, driving) == {"processor": expected}
     assert read_json(folder.mark_path)["versions"] == {"processor": ["one", "two"]}
@@ -169,7 +170,7 @@ def test_drives_of_m3depth_in_one_runtime_are_not_mixed_with_those_in_another(fi
     assert noted("m3depth") == noted("m3depth:w.safetensors") == noted("ground_truth") == pytorch
     program, device, precision = pytorch.rsplit(" ", 2)
     for other in ("openvino 1.0 cpu fp32", f"{program} gpu {precision}", f"{program} {device} fp8"):
-        monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_, other=other: other)
+        monkeypatch.setattr("envs.evaluation.resume.recorded_runtime", lambda *_, other=other: other)
         with pytest.raises(
             DatasetError, match=re.escape(f"m3depth drove these episodes in {pytorch}, not in {other}; choose")
         ):
@@ -190,7 +191,7 @@ def test_a_worker_with_another_runtime_drives_nothing(tmp_path, monkeypatch):
 def test_a_record_without_device_and_precision_goes_on_as_it_is(tmp_path, monkeypatch):
     folder = ResultFolder(tmp_path / "out", "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
     runtimes = iter(["openvino 1.0 cpu bf16", "openvino 1.1 cpu bf16", "openvino 1.0 cpu bf16"])
-    monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_: next(runtimes))
+    monkeypatch.setattr("envs.evaluation.resume.recorded_runtime", lambda *_: next(runtimes))
     with folder.claim(runtime="openvino 1.0"):
         assert noted_runtime(folder, ("m3depth",), "auto") == "openvino 1.0"
         with pytest.raises(DatasetError, match=r"in openvino 1\.0, not in openvino 1\.1 cpu bf16"):
@@ -219,7 +220,7 @@ def test_drives_of_another_network_in_one_runtime_are_not_mixed_with_those_in_an
     mark = read_json(folder.mark_path)
     program, device, precision = pytorch.rsplit(" ", 2)
     for other in (f"pytorch 1.0 {device} {precision}", f"{program} gpu {precision}", f"{program} {device} fp8"):
-        monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda *_, other=other: other)
+        monkeypatch.setattr("envs.evaluation.resume.recorded_runtime", lambda *_, other=other: other)
         with pytest.raises(
             DatasetError,
             match=re.escape(f"other networks drove these episodes in {pytorch}, not in {other}; choose another --out"),
@@ -230,7 +231,7 @@ def test_drives_of_another_network_in_one_runtime_are_not_mixed_with_those_in_an
 
 def test_m3depth_and_another_network_drive_in_two_programs_in_any_order(tmp_path, fusion, monkeypatch):
     programs = {"m3depth": "openvino 1.0 cpu fp32", fusion: "pytorch 2.0 cpu fp32"}
-    monkeypatch.setattr("envs.drives.resume.recorded_runtime", lambda names, _: programs[names[0]])
+    monkeypatch.setattr("envs.evaluation.resume.recorded_runtime", lambda names, _: programs[names[0]])
     for number, order in enumerate((["m3depth", fusion], [fusion, "m3depth"])):
         folder = ResultFolder(tmp_path / str(number), "evaluation", "evaluate.json", SETTINGS, notes=NOTES)
         with folder.claim():
@@ -264,7 +265,7 @@ def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch,
         tmp_path / "out", (f"mine_{when}:Mine",), ("ground_truth",), episodes=1, k=(0.01,), goal_distance=3.0,
         dynamics="kinematic", videos=False, workers=1,
     )  # fmt: skip
-    plain = envs.evaluate.drive
+    plain = envs.evaluation.driving.drive
 
     def driven(*args):
         record = plain(*args)
@@ -272,10 +273,12 @@ def test_a_file_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch,
         return record
 
     if when == "during":
-        monkeypatch.setattr("envs.evaluate.drive", driven)
+        monkeypatch.setattr("envs.evaluation.driving.drive", driven)
     else:
         begun = noted_digests
-        monkeypatch.setattr("envs.drives.resume.noted_digests", lambda *args: (begun(*args), file.write_text("# x"))[0])
+        monkeypatch.setattr(
+            "envs.evaluation.resume.noted_digests", lambda *args: (begun(*args), file.write_text("# x"))[0]
+        )
     with pytest.raises(DatasetError, match=r"mine_.*.py: on .*, this is not the file that the drives began with; put"):
         evaluate(config)
     assert not list((tmp_path / "out" / "episodes").iterdir())
@@ -342,7 +345,7 @@ def test_a_place_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch
         tmp_path / "out", ("straight",), ("ground_truth",), scene=str(place), episodes=2, goal_distance=3.0,
         dynamics="kinematic", videos=False, workers=1,
     )  # fmt: skip
-    plain = envs.evaluate.drive
+    plain = envs.evaluation.driving.drive
 
     def driven(*args):
         drives.append(plain(*args))
@@ -350,7 +353,7 @@ def test_a_place_that_changes_during_an_evaluation_ends_it(tmp_path, monkeypatch
             place.write_text('{"preset": "utopia", "rocks": {"k": 0.02}}')
         return drives[-1]
 
-    monkeypatch.setattr("envs.evaluate.drive", driven)
+    monkeypatch.setattr("envs.evaluation.driving.drive", driven)
     with pytest.raises(DatasetError, match=r"place\.json: on .*, this is not the file that the drives began with; put"):
         evaluate(config)
     assert len(list((tmp_path / "out" / "episodes").iterdir())) == 1

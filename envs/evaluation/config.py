@@ -31,6 +31,7 @@ from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.presets import PRESETS
 from marssim.scene.scene import SceneConfig
 
+SETTINGS = "evaluate.json"  # file in OUT with the settings of its episodes
 LOOK_FLAGS = (  # flags that replace fields of the scene's LookConfig
     "sun_elevation_deg", "optical_depth", "albedo_contrast", "texture_strength", "pebbles", "wind_ripples",
 )  # fmt: skip

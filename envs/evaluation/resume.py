@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from envs.drives.config import EvaluateConfig
+from envs.evaluation.config import EvaluateConfig
 from m3depth.class_files import class_files, joint_digest
 from m3depth.estimator import EstimatorName
 from m3depth.runtimes.choice import is_other_network, joined_runtimes, recorded_runtime, same_runtime
