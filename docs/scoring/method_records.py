@@ -151,7 +151,8 @@ def training(run: Path) -> dict[str, Any]:
     """Return the steps, the minutes, the starts and the errors at the validations of a run.
 
     Where other programs kept the processor busy, the minutes of the processor, which the log counts from each start on,
-    compare runs better than those of the clock.
+    compare runs better than those of the clock. The log counts those of one process; where torchrun started several,
+    each has as much to do. A run has the same number of them at each start, and old logs of one process lack it.
 
     Raises:
         DatasetError: It is no folder of a run, or a line of its log is malformed.
@@ -166,19 +167,21 @@ def training(run: Path) -> dict[str, Any]:
     for line in steps:
         if "processor_minutes" not in line or "minutes" not in line:
             raise DatasetError(f"{log}: step {line['step']} has no minutes or no processor_minutes")
+    starts = [line for line in lines if line["kind"] == "start"]
+    processes = max((line.get("processes", 1) for line in starts), default=1)
     processor, before, last = [], 0.0, 0.0
     for line in lines:
         if line["kind"] == "start":
             before, last = before + last, 0.0
         elif line["kind"] in ("train", "stop"):
-            last = line["processor_minutes"]
+            last = processes * line["processor_minutes"]
             processor.append(before + last)
     at = [line["step"] for line in steps]
     return {
         "steps": steps[-1]["step"],
         "minutes": steps[-1]["minutes"],
         "processor_minutes": processor[-1],
-        "starts": [line for line in lines if line["kind"] == "start"],
+        "starts": starts,
         "validations": [
             {
                 "step": line["step"],

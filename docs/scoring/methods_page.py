@@ -83,12 +83,17 @@ def _starts(runs: Mapping[str, Any]) -> list[str]:
         [
             name,
             *(_all(run["starts"], "seed"), _all(run["starts"], "commit"), _all(run["starts"], "data")),
-            f"`{run['starts'][-1]['command']}`" if run["starts"] else "-",
+            _command(run["starts"][-1]) if run["starts"] else "-",
             run["weights_sha256"][:DIGEST],
         ]
         for name, run in runs.items()
     ]
     return table(["method", "seed", "commit", "data", "command", "SHA-256 of the weights"], rows)
+
+
+def _command(start: Mapping[str, Any]) -> str:
+    processes = start.get("processes", 1)
+    return f"`{start['command']}`" + f" in {processes} processes of torchrun" * (processes > 1)
 
 
 def _scored_by(commits: Mapping[str, Sequence[str | None]]) -> str:

@@ -76,17 +76,18 @@ class Log:
             self.board = None
         self.last_line = 0.0
 
-    def start(self, step: int, seed: int, data: str) -> None:
-        """Add a record of the kind "start": the command, the seed, the data and the versions of the next steps.
+    def start(self, step: int, seed: int, data: str, processes: int) -> None:
+        """Add a record of the kind "start": what the next steps are taken with, and the versions.
 
         Args:
             step: Steps that the run has taken before.
             seed: Seed of the first weights, and of the order of the pairs.
             data: What identifies the samples (m3depth.datasets.state.state_of_pairs).
+            processes: Number of processes that share the batches of a step, which the command does not say.
         """
         command = shlex.join([Path(sys.orig_argv[0]).name, *sys.orig_argv[1:]])
         date = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        about = {"date": date, "command": command, "seed": seed, "data": data}
+        about = {"date": date, "command": command, "processes": processes, "seed": seed, "data": data}
         self._add({"kind": "start", "step": step, **about, **versions()})
 
     def stop(self, step: int, times: dict[str, float]) -> None:

@@ -82,7 +82,7 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
                     log.say(f"warning: {name} and the pairs after it: {NO_NORMALS}")
                 for finding in filter(None, map(depth_misfit, getattr(samples, "parts", [samples]))):
                     log.say(f"warning: {finding}")
-                log.start(run.step, config.seed, data)
+                log.start(run.step, config.seed, data, world)
             stream = opened.enter_context(
                 closing(
                     batches(
@@ -237,7 +237,7 @@ def memory_errors_explained(config: TrainConfig) -> Iterator[None]:
 
 
 def times_of(run: Run, used_before: float) -> dict[str, float]:
-    """Return the minutes of a run, and those that its process has used its processors for since the start.
+    """Return the minutes of a run, and those that this process has used its processors for since the start.
 
     Args:
         run: The run.

@@ -313,6 +313,20 @@ def test_the_steps_since_the_last_logged_one_count(compare_methods, folders):
     assert (training["steps"], training["minutes"], training["processor_minutes"]) == (107, 13.5, 22.0)
 
 
+def test_the_processor_time_is_that_of_all_processes(compare_methods, folders, measured, tmp_path):
+    """The log counts that of one. A run that an older version began says their number at its later starts only."""
+    scores, run = folders
+    first, last = '"command": "python -m m3depth.train --seed 3"', '"command": "python -m m3depth.train --again"'
+    log = (run / "log.jsonl").read_text()
+    (run / "log.jsonl").write_text(log.replace(last, last + ', "processes": 2'))
+    assert sys.modules["method_records"].training(run)["processor_minutes"] == 42.0
+    out = tmp_path / "out"
+    assert compare_methods.main(flags(scores, out, run)) == 0
+    assert "| `python -m m3depth.train --again` in 2 processes of torchrun |" in (out / "methods.md").read_text()
+    (run / "log.jsonl").write_text(log.replace(first, first + ', "processes": 1'))
+    assert sys.modules["method_records"].training(run)["processor_minutes"] == 21.0
+
+
 def test_a_half_written_last_line_of_a_log_does_not_count(compare_methods, folders):
     _, run = folders
     with (run / "log.jsonl").open("a") as log:

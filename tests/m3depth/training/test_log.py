@@ -39,13 +39,14 @@ def test_each_start_says_what_its_steps_come_from(tmp_path, monkeypatch) -> None
             sys, "orig_argv", ["/some/where/python3", "-m", "m3depth.train", "--out", "my runs", str(step)]
         )
         log = Log(tmp_path, step)
-        log.start(step, seed=7, data="ab12")
+        log.start(step, seed=7, data="ab12", processes=2)
         for number in steps:
             log.write("train", number, {"loss": 1.0})
         log.close()
     starts = records(tmp_path, "start")
     assert [start["command"] for start in starts] == [f"python3 -m m3depth.train --out 'my runs' {n}" for n in (0, 2)]
     assert [start["step"] for start in starts] == [0, 2] and (starts[0]["seed"], starts[0]["data"]) == (7, "ab12")
+    assert [start["processes"] for start in starts] == [2, 2]
     assert starts[0]["numpy"] == np.__version__ and "commit" in starts[0]
     assert [record["step"] for record in records(tmp_path, "train")] == [1, 2, 3]
 

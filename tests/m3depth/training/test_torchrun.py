@@ -86,6 +86,7 @@ def test_two_processes_are_one_batch_in_two_parts(plane_set, large_set, tmp_path
     assert any("finer" in record for record in steps)  # a larger pair was among the crops
     records = [json.loads(line) for line in (tmp_path / "two" / "log.jsonl").read_text().splitlines()]
     assert [record["kind"] for record in records] == ["start", "train", "stop", "val_raw", "val"]
+    assert (records[0]["processes"], steps[0]["processes"]) == (2, 1)
 
 
 REFUSED = """
