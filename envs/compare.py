@@ -24,12 +24,13 @@ from envs.comparison.methods import methods_of, under_conditions, with_first
 from envs.comparison.plots import plot_comparison, plot_depth_metrics
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
-from envs.drives.report import failure_table, in_table
+from envs.drives.report import failure_table
 from envs.suites.suite import load_suite
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
+from marssim.base.files.markdown import in_table
 from marssim.base.results.claim import ResultFolder
 
 

@@ -63,12 +63,11 @@ def read_drives(config: InspectConfig) -> dict[Path, EpisodeRecord]:
 def inspect_shots(run: Path, records: Mapping[Path, EpisodeRecord]) -> list[Shot]:
     """Return the shots of a page: each course with all its drives, then the looks of those that were recorded.
 
+    It warns of recorded drives whose files are broken, and leaves their looks out.
+
     Args:
         run: Folder of envs.evaluate.
         records: The records of its drives, by their files.
-
-    Raises:
-        DatasetError: The file of a recorded drive is broken.
     """
     courses: dict[tuple[str, int], dict[Path, EpisodeRecord]] = {}
     for file, record in records.items():
@@ -79,7 +78,10 @@ def inspect_shots(run: Path, records: Mapping[Path, EpisodeRecord]) -> list[Shot
         for file, record in drives.items():
             recorded = drive_path(run, file.name)
             if recorded.is_file():
-                shots += look_shots(record, recorded)
+                try:
+                    shots += look_shots(record, recorded)
+                except DatasetError as error:
+                    print(f"warning: {error}", file=sys.stderr)
     return shots
 
 

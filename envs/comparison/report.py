@@ -11,12 +11,13 @@ import numpy as np
 from envs.comparison.methods import DrivenMethod, shared_episodes
 from envs.comparison.suite_results import Episode, Key
 from envs.drives.metrics import count_failures, effective_drives, paired_scores, spl_interval, wilson_interval
-from envs.drives.report import bounds, in_table
+from envs.drives.report import bounds
 from envs.suites.suite import OVERALL
 from envs.world.perception import GROUND_TRUTH
 from m3depth.estimator import M3DEPTH
 from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from marssim.base.command.wording import counted
+from marssim.base.files.markdown import in_table
 
 DEPTH_ERRORS = ("abs_rel", "rocks", "false_obstacles", "looks", "near_ground")  # what depth_metrics reads
 SHOWN = 12  # digits of a digest that a note shows

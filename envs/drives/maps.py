@@ -28,8 +28,11 @@ OUTCOME_COLOURS = {
 LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 2, 2, 2)))
 ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
 CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # intervals [m], and the most contours on a map
-CRASH = "collision"
-CRASH_MARK, END_MARK = ("X", 6), ("o", 3)  # matplotlib's marker and its size [pt]
+END_MARKS = {  # matplotlib's marker where a drive ended, and its size [pt]: colours alone do not tell all readers apart
+    "goal": ("o", 3.5), "collision": ("X", 6), "tilt": ("^", 5.5), "stuck": ("s", 4.5), "time": ("D", 4.5),
+    "out_of_bounds": (">", 5.5), "no_path": ("v", 5.5), "elsewhere": ("P", 6),
+}  # fmt: skip
+OTHER_MARK, OTHER_COLOUR = ("h", 5), "#333333"  # of outcomes that this version does not have
 COLUMNS, ROWS = 5, 4  # courses on a page
 PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and least width of a page, for its title and legend
 AROUND = 5.0  # [m] shown before the start and behind the goal
@@ -43,9 +46,9 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
     deleted.
 
     Each course is turned so that its start lies to the left of its goal, both on the middle line. The goal is a star in
-    the circle within which it counts as reached; rocks that block are grey discs. The colour shows the outcome, the
-    line style who drove: LINES in the order of the records. The rover's footprint is drawn where it started and where
-    each drive ended, with a cross where it hit something. A pale band is the shortest passable path; contours are
+    the circle within which it counts as reached; rocks that block are grey discs. The colour and the mark at the end
+    show the outcome, the line style who drove: LINES in the order of the records. The rover's footprint is drawn where
+    it started and where each drive ended. A pale band is the shortest passable path; contours are
     relief, dark ones low.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -89,7 +92,11 @@ def _page(path: Path, cell: str, courses: Sequence[Sequence[EpisodeRecord]], gro
 def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[str, str]]) -> list[Line2D]:
     records = [record for drives in courses for record in drives]
     outcomes = sorted({record.outcome for record in records})
-    out = [Line2D([], [], color=OUTCOME_COLOURS.get(o, "#333333"), label=f"outcome: {o}") for o in outcomes]
+    out = []
+    for outcome in outcomes:
+        marker, size = END_MARKS.get(outcome, OTHER_MARK)
+        colour = OUTCOME_COLOURS.get(outcome, OTHER_COLOUR)
+        out.append(Line2D([], [], color=colour, marker=marker, ms=size, label=f"outcome: {outcome}"))
     out += [
         Line2D([], [], color="k", ls=LINES[n % len(LINES)], label=label)
         for n, label in enumerate(legend_labels([", ".join(group) for group in groups]))
@@ -101,9 +108,6 @@ def _legend(courses: Sequence[Sequence[EpisodeRecord]], groups: Sequence[tuple[s
         Line2D([], [], ls="", marker="*", color="k", ms=8, label="goal and its circle"),
         Line2D([], [], ls="", marker="s", mfc="none", mec="k", ms=7, label="rover, start and end"),
     ]
-    if CRASH in outcomes:
-        marker, size = CRASH_MARK
-        out.append(Line2D([], [], ls="", marker=marker, ms=size, color=OUTCOME_COLOURS[CRASH], label="hit here"))
     return out
 
 
@@ -146,10 +150,10 @@ def _panel(
     axes.add_collection(discs)
     for record in drives:
         x, y = turned(record.track).T
-        colour = OUTCOME_COLOURS.get(record.outcome, "#333333")
+        colour = OUTCOME_COLOURS.get(record.outcome, OTHER_COLOUR)
         line = LINES[groups.index((record.driver, record.perception)) % len(LINES)]
         axes.plot(x, y, color=colour, lw=1.3, ls=line)
-        marker, size = CRASH_MARK if record.outcome == CRASH else END_MARK
+        marker, size = END_MARKS.get(record.outcome, OTHER_MARK)
         axes.plot(x[-1:], y[-1:], marker, color=colour, ms=size)
         for at, edge in ((0, "k"), (-1, colour)):
             if record.headings:

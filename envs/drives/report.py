@@ -15,6 +15,7 @@ from envs.world.referee import GOAL_RADIUS
 from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from m3depth.evaluation.running_sums import NEAR_GROUND
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.markdown import in_table
 
 LEGEND = f"""\
 Success: the rover came within {GOAL_RADIUS:g} m of the goal; with Wilson's interval. SPL, SoftSPL: success, or the
@@ -140,7 +141,8 @@ def failure_table(rows: Sequence[Mapping[str, Any]]) -> str:
     if not rows:
         return ""
     lines = [
-        f"| {r['method']} | {r['outcome'].replace('_', ' ')} | {r['cause'] or UNKNOWN_CAUSE} | {r['failures']} |"
+        f"| {r['method']} | {in_table(r['outcome']).replace('_', ' ')} | {r['cause'] or UNKNOWN_CAUSE} "
+        f"| {r['failures']} |"
         for r in rows
     ]
     return "\n".join(["| method | outcome | cause | failures |", "|---|---|---|---|", *lines]) + "\n"
@@ -205,11 +207,6 @@ def difference_in_words(row: Mapping[str, Any]) -> str:
         f"{100 * row['difference']:+.0f} points of success{bounds(row['interval'], 100, '+.0f')}, "
         f"SPL {row['spl_difference']:+.2f}{bounds(row['spl_interval'], 1, '+.2f')}{_without(row)}"
     )
-
-
-def in_table(name: str) -> str:
-    """Return a name that somebody else may have chosen as text in a cell of a Markdown table."""
-    return name.replace("\\", "\\\\").replace("|", "\\|").replace("<", "\\<")
 
 
 def bounds(ends: Sequence[float] | None, scale: float, digits: str) -> str:

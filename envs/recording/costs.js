@@ -15,6 +15,8 @@ function motionName(candidates, n) {
   return Math.abs(curvature) < 0.05 ? "straight on" : `arc ${side(curvature)}, ${(1 / Math.abs(curvature)).toFixed(1)} m`;
 }
 
+const rowsOf = (body) => [...body.querySelectorAll("tr.row")];
+
 // A panel with the table: update(step) fills it; emphasise(n) is called with the candidate under the mouse or in focus, or null.
 function costsPanel(emphasise) {
   const body = make("div", { class: "costs" });
@@ -40,8 +42,10 @@ function costsPanel(emphasise) {
     const head = make("tr", {}, make("th", {}, "motion"), make("th", { title: "how far it is free" }, "free"),
       ...names.map((name) => make("th", { title: PARTS[name] }, name)), make("th", {}, "cost"), make("th", {}, "more than chosen"));
     const table = make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows.map((n) => row(candidates, n, first, names))));
+    const focused = rowsOf(body).indexOf(document.activeElement);
     body.replaceChildren(table, make("p", { class: "note" },
       `${shut}. Red: the part that speaks most against a motion. Point at a row, or move to it by the Tab key, to see it on the map.`));
+    if (focused >= 0) rowsOf(body)[Math.min(focused, rows.length - 1)].focus({ preventScroll: true }); // the row of the same rank
   }
 
   function row(candidates, n, first, names) {

@@ -142,7 +142,8 @@ function show() {
   columns.forEach((column) => column.update(stepAt(column.drive, position)));
   columns.forEach((column) => drawStrip(column.strip, column.drive));
   byId("position").value = index;
-  byId("position").setAttribute("aria-valuetext", columns.map(({ drive }) => moment(drive, stepAt(drive, position))).join("; "));
+  const told = (drive, n) => `${moment(drive, n)}: ${statusOf(drive.steps[n])[1]}`;
+  byId("position").setAttribute("aria-valuetext", columns.map(({ drive }) => told(drive, stepAt(drive, position))).join("; "));
   byId("now").textContent = by === "time" ? `${position.toFixed(0)} s` : `${position.toFixed(1)} m driven`;
   if (columns.length === 1) byId("now").textContent = moment(columns[0].drive, stepAt(columns[0].drive, position));
 }

@@ -5,6 +5,7 @@ Its content security policy forbids every request, and all that a record holds i
 
 from __future__ import annotations
 
+import zlib
 from base64 import b64encode
 from collections.abc import Sequence
 from functools import cache
@@ -13,7 +14,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from envs.drives.episodes import Cause
@@ -26,7 +26,6 @@ from envs.world.referee import GOAL_ASTRAY, GOAL_RADIUS
 from marssim.base.dataset.drive_file import LAYERS, DriveFile, depth_of, read_drive
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
-from marssim.base.files.png import encode_png
 from marssim.base.images.colours import depth_colours
 
 DRIVES = "drives"  # folder of an evaluation with the files of its drives and their pages
@@ -49,7 +48,7 @@ def drive_path(out: Path, episode_file: str) -> Path:
 def write_drive_pages(folder: Path, again: bool = False) -> tuple[list[Path], list[str]]:
     """Write a page beside each recorded drive that has none yet, or an older one.
 
-    A page whose drive is broken is deleted.
+    The page of a broken drive is deleted, unless it is younger than the drive, so that it still shows it.
 
     Args:
         folder: The folder of the drives.
@@ -61,11 +60,13 @@ def write_drive_pages(folder: Path, again: bool = False) -> tuple[list[Path], li
     pages, broken = [], []
     for path in sorted(folder.glob("*.zip")):
         page = path.with_suffix(".html")
-        if again or not page.is_file() or page.stat().st_mtime < path.stat().st_mtime:
+        is_older = not page.is_file() or page.stat().st_mtime < path.stat().st_mtime
+        if again or is_older:
             try:
                 write_atomically(page, drive_page([read_drive(path)]))
             except DatasetError as error:
-                page.unlink(missing_ok=True)
+                if is_older:
+                    page.unlink(missing_ok=True)
                 broken.append(f"{error}; delete the file, and envs.evaluate --record all records the drive again")
                 continue
         pages.append(page)
@@ -102,7 +103,9 @@ def _filled(template: str, title: str, data: Any) -> bytes:
         "title": escape(title), "style": f"{asset('page.css')}\n{colour_rules()}", "data": page_script(data),
         "script": "\n".join(asset(name) for name in SCRIPTS),
     }  # fmt: skip
-    return "".join(part if n % 2 == 0 else values[part] for n, part in enumerate(parts)).encode()
+    return "".join(part if n % 2 == 0 else values[part] for n, part in enumerate(parts)).encode(
+        errors="backslashreplace"  # names of files that are no UTF-8
+    )
 
 
 def _name(drive: DriveFile) -> str:
@@ -129,7 +132,7 @@ def _shown(drive: DriveFile) -> dict[str, Any]:
     return {
         **{key: episode[key] for key in keys}, "name": _name(drive), "summary": summary, "steps": drive.steps,
         "stepSeconds": content["step_seconds"], "rover": content["rover"], "decided": {"step": step, "why": why},
-        "pictures": {layer: [_uri(drive, layer, n) for n in range(len(drive.steps))] for layer in SHOWN},
+        "pictures": {layer: [_picture(drive, layer, n) for n in range(len(drive.steps))] for layer in SHOWN},
     }  # fmt: skip
 
 
@@ -141,8 +144,12 @@ def _minutes(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
 
 
-def _uri(drive: DriveFile, layer: str, step: int) -> str | None:
-    """Return a picture as a data URI; depth in codes of one byte, as a page reads no more."""
+def _picture(drive: DriveFile, layer: str, step: int) -> str | dict[str, Any] | None:
+    """Return an eye's image as a data URI, and a picture of codes as pictures.js takes it; None if there is none.
+
+    The codes of depth have one byte on a page. Of codes, it gets the differences to the row above, modulo 256, which
+    zlib compresses better.
+    """
     if LAYERS[layer] == "jpg":
         data = drive.picture(layer, step)
         return None if data is None else f"data:image/jpeg;base64,{b64encode(data).decode()}"
@@ -150,8 +157,9 @@ def _uri(drive: DriveFile, layer: str, step: int) -> str | None:
     if codes is None:
         return None
     small = _depth_bytes(depth_of(codes)) if layer == "depth" else codes
-    data = encode_png(small, (cv2.IMWRITE_PNG_COMPRESSION, 9))
-    return f"data:image/png;base64,{b64encode(data).decode()}"
+    height, width = small.shape
+    data = zlib.compress(np.diff(small, axis=0, prepend=np.uint8(0)).tobytes(), 9)
+    return {"width": width, "height": height, "deflated": b64encode(data).decode()}
 
 
 def _depth_bytes(depth: np.ndarray) -> np.ndarray:

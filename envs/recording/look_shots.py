@@ -42,9 +42,9 @@ def look_shots(record: EpisodeRecord, path: Path) -> list[Shot]:
         path: Its file.
 
     Raises:
-        DatasetError: The file is broken.
+        DatasetError: The file is broken. That of a picture is raised when its shot is loaded.
     """
-    drive = _drive(path)
+    drive = read_drive(path, with_pictures=False)
     name = f"{record.cell}, course {record.episode}: {record.driver}, {record.perception}"
     return [
         Shot(f"{name}, step {n}", _eye(drive, step, "pose"), partial(_view, record, path, n), name)

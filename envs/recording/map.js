@@ -50,7 +50,7 @@ function mapStep(drive, n) {
 
 function costColour(extra) {
   const share = Math.min(Math.max(extra / DEAR, 0), 1);
-  return `hsl(${Math.round(130 - 125 * share)} 75% ${Math.round(58 - 6 * share)}%)`;
+  return `hsl(${Math.round(130 - 125 * share)} 75% ${Math.round(72 - 34 * share)}%)`; // lightness tells them apart too
 }
 
 // A panel with the map: update(n) draws step n, emphasise(candidate) lays one of its motions on top.

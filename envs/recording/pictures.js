@@ -1,5 +1,5 @@
 "use strict";
-// The data of the page, elements, and pictures whose pixels are codes that a table gives colours.
+// The data of the page, elements, and pictures of codes that a table gives colours.
 
 const DATA = JSON.parse(document.getElementById("data").textContent);
 const TABLES = {}; // colours of the codes of each layer
@@ -25,27 +25,23 @@ function rgb(hex) {
   return [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
 }
 
-// Decode a picture of codes; resolves to {width, height, codes}.
+// Decode a picture of codes, {width, height, deflated}; resolves to {width, height, codes}. It is no image, since
+// browsers that hinder fingerprinting change the pixels that a script reads from one.
 const decoded = new Map();
-function codesOf(uri) {
-  if (!decoded.has(uri)) {
+function codesOf(picture) {
+  if (!decoded.has(picture)) {
     if (decoded.size > 400) decoded.clear();
-    decoded.set(uri, new Promise((resolve, reject) => {
-      const image = new Image();
-      image.onload = () => {
-        const canvas = document.createElement("canvas");
-        canvas.width = image.width;
-        canvas.height = image.height;
-        const context = canvas.getContext("2d", { willReadFrequently: true });
-        context.drawImage(image, 0, 0);
-        const pixels = context.getImageData(0, 0, image.width, image.height).data;
-        resolve({ width: image.width, height: image.height, codes: pixels.filter((_, n) => n % 4 === 0) });
-      };
-      image.onerror = () => reject(new Error("a picture of the record is broken"));
-      image.src = uri;
-    }));
+    decoded.set(picture, inflated(picture));
   }
-  return decoded.get(uri);
+  return decoded.get(picture);
+}
+
+async function inflated({ width, height, deflated }) {
+  const bytes = Uint8Array.from(atob(deflated), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const codes = new Uint8Array(await new Response(stream).arrayBuffer());
+  for (let n = width; n < codes.length; n += 1) codes[n] += codes[n - width]; // modulo 256
+  return { width, height, codes };
 }
 
 // Draw codes in their colours on a canvas of their size.
@@ -73,40 +69,70 @@ const READ = {
   },
 };
 
-// A figure with a layer of codes: update(uri) shows another one, and the mouse reads its values.
-// beside: the figure of another layer, whose reading follows in brackets.
+const MOVES = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }; // of the point that is read
+const STRIDE = 1 / 64; // of the picture's side, of a move
+
+// A figure with a layer of codes: update(picture) shows another one. The mouse reads its values, and so do the arrow keys
+// while it has the focus. beside: the figure of another layer, whose reading follows in brackets.
 function layerFigure(layer, title, scale, beside = null) {
-  const canvas = make("canvas", { "data-layer": layer, role: "img", "aria-label": title });
-  const reading = make("span");
+  const canvas = make("canvas", { "data-layer": layer, role: "img", "aria-label": `${title}; arrow keys read its values`, tabindex: 0 });
+  const cross = make("i", { class: "cross", hidden: "" });
+  const reading = make("span", { "aria-live": "polite" });
   const caption = make("figcaption", {}, make("span", {}, title), reading);
   let shown = null;
   let wanted = null;
+  let point = null; // [x, y] that is read, 0 to 1 each
+  const read = () => {
+    const at = point && readingAt(point), other = point && beside ? beside.readingAt(point) : "";
+    reading.textContent = (at ?? "") + (at && other ? ` (${other})` : "");
+  };
+  const readingAt = ([x, y]) => {
+    if (!shown) return "";
+    const column = Math.min(shown.width - 1, Math.floor(x * shown.width));
+    return READ[layer](shown.codes[Math.min(shown.height - 1, Math.floor(y * shown.height)) * shown.width + column]);
+  };
+  const readAt = (place, byKey) => {
+    point = place;
+    cross.hidden = !(place && byKey);
+    if (place) [cross.style.left, cross.style.top] = place.map((share) => `${100 * share}%`);
+    read();
+  };
   canvas.addEventListener("mousemove", (event) => {
-    if (!shown) return;
-    const column = Math.floor((event.offsetX / canvas.clientWidth) * shown.width);
-    const row = Math.floor((event.offsetY / canvas.clientHeight) * shown.height);
-    const n = Math.min(shown.codes.length - 1, row * shown.width + column);
-    reading.textContent = beside ? `${readingAt(n)} (${beside.readingAt(n)})` : readingAt(n);
+    readAt([event.offsetX / canvas.clientWidth, event.offsetY / canvas.clientHeight].map(inside), false);
   });
-  canvas.addEventListener("mouseleave", () => { reading.textContent = ""; });
-  const figure = make("figure", {}, caption, canvas, scale);
-  const readingAt = (n) => (shown ? READ[layer](shown.codes[n]) : "");
+  canvas.addEventListener("mouseleave", () => readAt(null));
+  canvas.addEventListener("focus", () => { if (canvas.matches(":focus-visible")) readAt(point ?? [0.5, 0.5], true); });
+  canvas.addEventListener("blur", () => readAt(null));
+  canvas.addEventListener("keydown", (event) => {
+    const move = MOVES[event.key];
+    if (!move || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation(); // the time line stays where it is
+    readAt((point ?? [0.5, 0.5]).map((share, axis) => inside(share + STRIDE * move[axis])), true);
+  });
+  const figure = make("figure", {}, caption, make("div", { class: "picture" }, canvas, cross), scale);
   return {
     figure, readingAt,
-    update(uri) {
-      wanted = uri;
-      if (!uri) {
+    update(picture) {
+      wanted = picture;
+      if (!picture) {
         shown = null;
         canvas.width = canvas.height = 1;
+        read();
         return;
       }
-      codesOf(uri).then((picture) => {
-        if (wanted !== uri) return; // the time line has moved on
-        shown = picture;
-        paint(canvas, picture, TABLES[layer]);
+      codesOf(picture).then((codes) => {
+        if (wanted !== picture) return; // the time line has moved on
+        shown = codes;
+        paint(canvas, codes, TABLES[layer]);
+        read();
       });
     },
   };
+}
+
+function inside(share) {
+  return Math.min(Math.max(share, 0), 1);
 }
 
 function bar(layer, codes, labels) {

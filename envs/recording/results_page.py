@@ -41,8 +41,8 @@ HOW_TO_RECORD = {
     "none": "No drive is recorded. Run envs.evaluate with --record failures or --record all to record drives. To "
     "record joined results, run each shard so before envs.join.",
     "failures": "No drive failed, so that none is recorded. Run envs.evaluate with --record all to record all drives.",
-    "all": "",
 }
+BROKEN = "The recorded drives have no pages, since their files are broken. Run envs.report on this folder to see why."
 
 
 def write_results_page(
@@ -88,12 +88,19 @@ def write_results_page(
 {_failures(records, pages)}
 {"".join(sections)}
 <p class="note">{escape(LEGEND)}</p>
-<p>{_files(out, ends)} {"" if pages else HOW_TO_RECORD[content["config"]["record"]]}</p>
+<p>{_files(out, ends)} {"" if pages else _why_no_pages(content["config"]["record"], records)}</p>
 </main>
 </body>
 </html>
 """
-    write_atomically(out / RESULTS, text.encode())
+    write_atomically(out / RESULTS, text.encode(errors="backslashreplace"))  # file names may be no UTF-8
+
+
+def _why_no_pages(record: str, records: Sequence[EpisodeRecord]) -> str:
+    """Return why no drive has a page, as far as --record tells; "" if there are no drives."""
+    if record == "none" or (record == "failures" and all(r.outcome == "goal" for r in records)):
+        return HOW_TO_RECORD[record]
+    return BROKEN if records else ""
 
 
 def _together(cells: Sequence[str], content: Mapping[str, Any], records: Sequence[EpisodeRecord]) -> str:
@@ -179,15 +186,16 @@ def _section(
     by_course: dict[int, dict[tuple[str, str], EpisodeRecord]] = {}
     for record in records:
         by_course.setdefault(record.episode, {})[record.driver, record.perception] = record
-    names = "".join(f"<th>{escape(', '.join(method))}</th>" for method in methods)
+    names = "".join(f'<th scope="col">{escape(", ".join(method))}</th>' for method in methods)
     drives = "".join(
-        f"<tr><td>course {course}</td>{''.join(_drive(by_method.get(method), pages) for method in methods)}</tr>"
+        f'<tr><th scope="row">course {course}</th>'
+        f"{''.join(_drive(by_method.get(method), pages) for method in methods)}</tr>"
         for course, by_method in sorted(by_course.items())
     )
     return f"""<section class="panel" id="cell-{number}">
 <h2>{escape(cell)}</h2>
 {_summary(COLUMNS, rows)}
-<table class="drives"><thead><tr><th></th>{names}</tr></thead><tbody>{drives}</tbody></table>
+<table class="drives"><thead><tr><td></td>{names}</tr></thead><tbody>{drives}</tbody></table>
 </section>
 """
 

@@ -10,6 +10,7 @@ from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR, OBSTACLE
 from m3depth.evaluation.running_sums import NEAR_GROUND
 from m3depth.runtimes.choice import runtime_sentence
+from marssim.base.files.markdown import in_table
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -301,7 +302,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
     Args:
         header: Names of the columns.
-        rows: The cells of each row.
+        rows: The cells of each row. The first ones may be names of others.
     """
     rule = ["---", *("---:" for _ in header[1:])]
-    return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]
+    named = ([in_table(row[0]), *row[1:]] for row in rows)
+    return ["| " + " | ".join(row) + " |" for row in (header, rule, *named)]

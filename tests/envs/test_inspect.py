@@ -49,6 +49,20 @@ def test_recorded_drives_have_their_looks_behind_their_course(folder, monkeypatc
     assert names == ["k=0.1, course 0", "k=0.1, course 1", *looks, "k=0.1, course 2"]
 
 
+def test_a_broken_record_of_a_drive_costs_only_its_looks(folder, monkeypatch, capsys):
+    pages = []
+    monkeypatch.setattr(command, "show", lambda shots, title: pages.append(shots))
+    (folder / "drives").mkdir()
+    (folder / "drives/0.zip").write_bytes(b"half a drive")
+    drive_of(folder / "drives/1.zip", [step(looked=True), step(x=1.0, looked=True)])
+    assert command.main([str(folder)]) == 0
+    assert len(pages[0]) == 3 + 2
+    assert (
+        capsys.readouterr().err
+        == f"warning: {folder / 'drives/0.zip'}: is not a whole zip archive, as recorded drives are\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -15,6 +15,7 @@ from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
+from marssim.base.files.markdown import in_table
 
 FIGURE = "qualitative.png"  # the methods side by side, which the caller draws
 RULES = (
@@ -74,7 +75,7 @@ def score_without_truth(
     parts.append(f"\nMeans over the pairs:\n\n{table(results, markdown=True)}\n")
     for name in methods:
         rows = {record["pair"]: record[name] for record in records}
-        parts.append(f"\n## {name}\n\n{table(rows, markdown=True)}\n")
+        parts.append(f"\n## {in_table(name)}\n\n{table(rows, markdown=True)}\n")
     write_atomically(out / "results.md", "".join(parts).encode())
     print(table(results))
     print(f"{counted(len(records), 'pair')} without true depth; the scores of each are in {out / 'results.md'}")

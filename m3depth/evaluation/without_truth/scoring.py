@@ -16,6 +16,7 @@ from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import unmeasured
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
+from marssim.base.files.markdown import in_table
 
 COLUMNS = {  # title and number of decimals of each score
     "agreement": ("eyes agree [%] ↑", 100, 1),
@@ -132,7 +133,7 @@ def table(rows: Mapping[str, Mapping[str, float]], markdown: bool = False) -> st
             f"{scores[key] * factor:.{digits}f}" if key in scores else "-"
             for key, (_, factor, digits) in COLUMNS.items()
         ]
-        cells.append([name, *shown])
+        cells.append([in_table(name) if markdown else name, *shown])
     if markdown:
         cells.insert(1, ["---", *["---:"] * len(COLUMNS)])
         return "\n".join(f"| {' | '.join(row)} |" for row in cells)

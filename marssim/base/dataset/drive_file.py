@@ -209,13 +209,17 @@ class DriveFile:
         return None if codes is None else height_of(codes)
 
 
-def read_drive(path: Path) -> DriveFile:
+def read_drive(path: Path, with_pictures: bool = True) -> DriveFile:
     """Read the file of a recorded drive and check it.
+
+    Args:
+        path: The file.
+        with_pictures: Whether to read its pictures too, which are nearly all of it.
 
     Raises:
         DatasetError: It is missing, broken, or holds anything else. One line that names the file.
     """
-    members = _members(path)
+    members = _members(path, None if with_pictures else INDEX)
     if INDEX not in members:
         raise DatasetError(f"{path}: holds no {INDEX}, so it is no recorded drive")
     content = parse_json(members.pop(INDEX), f"{path}: {INDEX}")
@@ -228,13 +232,14 @@ def read_drive(path: Path) -> DriveFile:
     return DriveFile(path, content, members)
 
 
-def _members(path: Path) -> dict[str, bytes]:
-    """Return the files of an archive by their names. Raises DatasetError."""
+def _members(path: Path, only: str | None = None) -> dict[str, bytes]:
+    """Return the files of an archive by their names; only: the name of the one that is wanted. Raises DatasetError."""
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
                 raise DatasetError(f"{path}: unpacks to more than {MOST_BYTES >> 20} MiB")
-            return {member.filename: archive.read(member) for member in archive.infolist()}
+            members = [member for member in archive.infolist() if only in (None, member.filename)]
+            return {member.filename: archive.read(member) for member in members}
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from marssim.base.command.wording import counted
+from marssim.base.files.markdown import as_text
 from marssim.base.view.drawing import Drawing
 from marssim.base.view.placing import moved_along, point_size, reach_of, stands
 from marssim.base.view.scene import Layer, Shot
@@ -103,7 +104,7 @@ class Page:
             try:
                 view = shot.load()
             except (ValueError, OSError) as error:
-                self._name.content = f"**{shot.name}** cannot be shown: {error}"
+                self._name.content = f"**{as_text(shot.name)}** cannot be shown: {as_text(str(error))}"
                 return
             self._shot, self._view = shot, view
             with self._server.atomic():
@@ -134,7 +135,7 @@ class Page:
         self._drawing.draw_parts(view)
         self._legend.content = self._layer.legend
         notes = [counted(len(view.points), "point")] if view.layers else []
-        self._about = f"**{self._shot.name}** {'; '.join([*notes, view.note])}".removesuffix("; ")
+        self._about = f"**{as_text(self._shot.name)}** {'; '.join([*notes, as_text(view.note)])}".removesuffix("; ")
         self._name.content = self._about
         groups = ["Cloud"] * has_points + ["Cameras"] + ["Path"] * self._has_path
         self._show_switches([*groups, *(part.name for part in view.parts)])

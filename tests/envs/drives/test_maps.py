@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from envs.drives.episodes import EpisodeRecord
-from envs.drives.maps import plot_maps
+from envs.drives.maps import END_MARKS, OUTCOME_COLOURS, plot_maps
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,
@@ -34,3 +34,13 @@ def test_the_legend_fits_into_its_page_and_names_every_method(tmp_path, drawn_fi
     assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
     lines = [line for line, text in zip(legend.get_lines(), legend.get_texts()) if "safetensors" in text.get_text()]
     assert len(lines) == len({(line.get_linestyle(), line._unscaled_dash_pattern) for line in lines}) == methods
+
+
+def test_the_mark_at_the_end_tells_the_outcome_without_its_colour(tmp_path, drawn_figures):
+    assert END_MARKS.keys() == OUTCOME_COLOURS.keys() and len({mark for mark, _ in END_MARKS.values()}) == 8
+    outcomes = [*OUTCOME_COLOURS, "of a later version"]
+    plot_maps(tmp_path, [replace(DRIVE, perception=outcome, outcome=outcome) for outcome in outcomes])
+    (figure,) = drawn_figures
+    legend = {line.get_label(): line.get_marker() for line in figure.legends[0].get_lines()}
+    drawn = [line.get_marker() for line in figure.axes[0].get_lines() if len(line.get_xdata()) == 1]
+    assert drawn[:9] == [legend[f"outcome: {outcome}"] for outcome in outcomes] and len({*drawn[:9]}) == 9

@@ -2,6 +2,7 @@ import json
 import os
 import re
 import time
+import zlib
 from base64 import b64decode
 from dataclasses import replace
 
@@ -11,9 +12,9 @@ import pytest
 from recorded_drives import candidates, content, drive_of, pose_rows, step
 
 from envs.recording.code_colours import UNKNOWN, code_colours
-from envs.recording.drive_page import FAR, NEAR, _depth_bytes, drive_page, page_script, write_drive_pages
+from envs.recording.drive_page import FAR, NEAR, _depth_bytes, asset, drive_page, page_script, write_drive_pages
 from envs.report import main as report_command
-from marssim.base.dataset.drive_file import MAP_CODES, encode_drive, picture_name, read_drive
+from marssim.base.dataset.drive_file import MAP_CODES, depth_codes, encode_drive, picture_name, read_drive
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.png import encode_png
 
@@ -21,6 +22,14 @@ from marssim.base.files.png import encode_png
 def data_of(page):
     (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page.decode(), re.DOTALL)
     return json.loads(data)
+
+
+def codes_of(picture):
+    """The codes of a picture of a page, as pictures.js reads them; None if there is none."""
+    if picture is None:
+        return None
+    codes = np.frombuffer(zlib.decompress(b64decode(picture["deflated"])), np.uint8)
+    return np.cumsum(codes.reshape(picture["height"], picture["width"]), axis=0, dtype=np.uint8)
 
 
 def test_a_page_holds_the_drive_its_pictures_and_how_it_ended(crash):
@@ -31,7 +40,9 @@ def test_a_page_holds_the_drive_its_pictures_and_how_it_ended(crash):
     assert shown["summary"].startswith(f"It hit an obstacle after {record.path_length:.1f} m and ")
     assert shown["decided"]["step"] < len(drive.steps) - 1
     assert all(uri.startswith("data:image/jpeg;base64,") for uri in shown["pictures"]["left"])
-    assert all(uri.startswith("data:image/png;base64,") for uri in shown["pictures"]["error"])
+    for layer in ("map", "error", "confidence"):
+        for n, picture in enumerate(shown["pictures"][layer]):
+            np.testing.assert_array_equal(codes_of(picture), drive.codes(layer, n))
     assert "height" not in shown["pictures"] and len(page) < 3e6
 
 
@@ -109,6 +120,24 @@ def test_a_broken_drive_costs_only_its_own_page(tmp_path, capsys):
     assert report_command([str(tmp_path)]) == 2
     assert second.with_suffix(".html").is_file() and not first.with_suffix(".html").exists()
     assert capsys.readouterr().err.endswith(" records the drive again (1 broken drive; 1 page written)\n")
+
+
+def test_a_page_that_still_shows_its_drive_outlives_it(tmp_path):
+    """results.html leads to it."""
+    drive = tmp_path / "drives/a.zip"
+    drive.parent.mkdir()
+    drive_of(drive, [step(), step(x=9.0)])
+    write_drive_pages(drive.parent)
+    drive.write_bytes(b"half a drive")
+    os.utime(drive, (time.time() - 9, time.time() - 9))
+    pages, broken = write_drive_pages(drive.parent, again=True)
+    assert pages == [] and len(broken) == 1 and drive.with_suffix(".html").is_file()
+
+
+def test_half_a_pair_of_utf16_stops_no_page(tmp_path):
+    drive = drive_of(tmp_path / "a.zip", [step(), step(x=9.0)])
+    drive.content["episode"]["driver"] = "nav\ud800"
+    assert rb"<title>nav\ud800, " in drive_page([drive])
 
 
 @pytest.fixture(scope="module")
@@ -247,9 +276,94 @@ def test_the_motions_of_the_table_are_shown_on_the_map_by_keyboard_too(browser, 
     assert browser.execute_script("return document.activeElement.className") == "row"
     assert browser.execute_script(picture) != before
     position = "return document.getElementById('position').getAttribute('aria-valuetext')"
-    assert browser.execute_script(position) == "step 0, 0 s, 0.0 m driven"
+    assert browser.execute_script(position) == "step 0, 0 s, 0.0 m driven: drives"
     unnamed = "return [...document.querySelectorAll('figure canvas, .map canvas')].filter(c => !c.ariaLabel).length"
     assert browser.execute_script(unnamed) == 0
+
+
+def two_depths(tmp_path):
+    """The page of a drive whose first look sees 2 m, and its second one 20 m, on the left half of the picture."""
+    pictures = {}
+    for n, depth in enumerate((2.0, 20.0)):
+        halves = np.where(np.arange(8) < 4, depth, np.nan) * np.ones((8, 1))
+        pictures[picture_name("depth", n)] = encode_png(depth_codes(halves))
+    motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 3, 10))
+    steps = [step(x=4.0 * n, looked=True, candidates=motions, chosen=n) for n in (0, 1)]
+    page = tmp_path / "depths.html"
+    page.write_bytes(drive_page([drive_of(tmp_path / "depths.zip", steps, pictures, outcome="time")]))
+    return page
+
+
+def test_the_value_that_is_read_is_that_of_the_step_shown(browser, tmp_path):
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    browser.get(two_depths(tmp_path).as_uri())
+    canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-layer=depth]")
+    reading = browser.find_element(By.CSS_SELECTOR, "figcaption span[aria-live]")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    ActionChains(browser).move_to_element_with_offset(canvas, -canvas.size["width"] // 4, 0).perform()
+    time.sleep(0.2)
+    read = [reading.text]
+    browser.find_element(By.TAG_NAME, "body").send_keys(Keys.ARROW_RIGHT)
+    time.sleep(0.2)
+    read.append(reading.text)
+    browser.execute_script("columns[0].drive.pictures.depth[1] = null; moveTo(1)")
+    assert [*read, reading.text] == ["2.0 m", "20.0 m", ""]
+
+
+def test_values_are_read_by_keyboard_too(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    browser.get(two_depths(tmp_path).as_uri())
+    canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-layer=depth]")
+    reading = browser.find_element(By.CSS_SELECTOR, "figcaption span[aria-live]")
+    cross = browser.find_element(By.CSS_SELECTOR, ".cross")
+    assert not cross.is_displayed()
+    canvas.send_keys(Keys.ARROW_LEFT)
+    assert reading.text == "2.0 m" and cross.is_displayed()
+    canvas.send_keys(*[Keys.ARROW_RIGHT] * 3, Keys.ARROW_UP)
+    assert reading.text == "unknown" and browser.execute_script("return index") == 0
+    browser.execute_script("document.activeElement.blur()")
+    assert reading.text == "" and not cross.is_displayed()
+
+
+def test_the_row_in_focus_stays_so_at_the_next_step(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    browser.get(two_depths(tmp_path).as_uri())
+    browser.execute_script("document.querySelectorAll('tr.row')[1].focus()")
+    focused = "return [...document.querySelectorAll('tr.row')].indexOf(document.activeElement)"
+    browser.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
+    assert browser.execute_script("return index") == 1 and browser.execute_script(focused) == 1
+    assert "more than chosen" in browser.find_element(By.CSS_SELECTOR, "thead").text
+
+
+def test_a_browser_that_falsifies_pixels_shows_the_codes_of_the_record(browser, tmp_path):
+    """Firefox and Brave do so to hinder fingerprinting: free ground and unseen ground are neighbouring codes."""
+    page = two_depths(tmp_path)
+    lie = "for (const c of [CanvasRenderingContext2D]) c.prototype.getImageData = () => { throw new Error('read'); };"
+    page.write_text(page.read_text(encoding="utf-8").replace('"use strict";', f'"use strict"; {lie}', 1), "utf-8")
+    browser.get(page.as_uri())
+    read = "codesOf(columns[0].drive.pictures.depth[1]).then((p) => arguments[0]([p.width, p.height, ...p.codes]))"
+    width, height, *codes = browser.execute_async_script(read)
+    far = round(1 + 253 * np.log(20 / NEAR) / np.log(FAR / NEAR))
+    assert (width, height) == (8, 8) and codes == [*[far] * 4, *[0] * 4] * 8
+    assert browser.get_log("browser") == []
+
+
+def test_a_printed_page_keeps_the_colours_of_its_legends():
+    (rule,) = (line for line in asset("page.css").splitlines() if "print-color-adjust: exact" in line)
+    assert {".legend i", ".scale", ".chip", ".badge"} <= set(rule.partition("{")[0].strip().split(", "))
+
+
+def test_a_reload_keeps_no_choice_that_the_page_does_not_show():
+    """Firefox restores the states of controls, of which the script reads none at the start."""
+    radios = re.findall("<input [^>]*radio[^>]*>", asset("drive.html"))
+    assert len(radios) == 2 and all('autocomplete="off"' in radio for radio in radios)
 
 
 def test_the_time_line_scrolls_away_in_a_low_window(browser, tmp_path):

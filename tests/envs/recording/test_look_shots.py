@@ -7,13 +7,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from recorded_drives import candidates, drive_of, look_pictures, pose_rows, step
+from recorded_drives import candidates, content, drive_of, look_pictures, pose_rows, step
 
 from envs.drives.episodes import EpisodeRecord
 from envs.drives.shots import course_shots
 from envs.recording.code_colours import NO_ERROR, UNKNOWN, code_colours
 from envs.recording.look_shots import look_shots
-from marssim.base.dataset.drive_file import FULL_COST, MAP_CODES, height_codes, picture_name
+from marssim.base.dataset.drive_file import FULL_COST, MAP_CODES, encode_drive, height_codes, picture_name
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.png import encode_png
 from marssim.base.rover_spec import ZHURONG
@@ -114,6 +114,15 @@ def test_records_of_earlier_releases_have_no_heights(path, tmp_path):
     assert [surface.name for surface in view.surfaces] == ["Rocks that block"] and "traversability" in view.layers
     (planned,) = (line.points for line in view.lines if line.name == "Planned path")
     assert np.allclose(planned[:, 2], 0.05)
+
+
+def test_a_list_of_looks_needs_no_pictures(tmp_path):
+    """So that the page of a long evaluation opens at once."""
+    path = tmp_path / "d.zip"
+    path.write_bytes(encode_drive(content([step(looked=True), step(x=9.0)]), {picture_name("depth", 0): b"none"}))
+    (shot,) = look_shots(RECORD, path)
+    with pytest.raises(DatasetError, match=r"d\.zip: depth/0000\.png is no PNG file"):
+        shot.load()
 
 
 def test_a_broken_file_is_one_line(tmp_path):

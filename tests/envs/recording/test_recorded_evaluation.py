@@ -115,7 +115,25 @@ def test_a_broken_drive_is_a_warning_and_has_no_page(recorded, tmp_path, capsys)
     os.utime(file, (time.time() + 9, time.time() + 9))
     evaluate(config)
     assert f"warning: {file}: is not a whole zip archive" in capsys.readouterr().err
-    assert "inspect" not in Links((config.out / "results.html").read_text(encoding="utf-8")).text
+    page = Links((config.out / "results.html").read_text(encoding="utf-8"))
+    assert "inspect" not in page.text and "no pages, since their files are broken. Run envs.report" in page.text
+
+
+@pytest.mark.parametrize(("outcome", "says"), [("goal", "No drive failed"), ("stuck", "their files are broken")])
+def test_a_failure_without_a_page_is_no_sign_of_success(recorded, tmp_path, outcome, says):
+    config, content = recorded
+    content = {**content, "config": {**content["config"], "record": "failures"}}
+    text = records_page((config, content), tmp_path, {"outcome": outcome}).text
+    assert says in text and ("failures" in text) == (outcome != "goal")
+
+
+def test_a_folder_whose_name_is_no_utf8_has_a_page_too(recorded, tmp_path):
+    out = tmp_path / os.fsdecode(b"ergebnis_\xe4")
+    try:
+        out.mkdir()
+    except OSError:
+        pytest.skip("this file system takes only names in UTF-8")
+    assert r"Results of ergebnis_\udce4" in records_page(recorded, out, {}).text
 
 
 def test_finished_drives_without_a_record_are_driven_again_for_it(recorded, tmp_path, monkeypatch):

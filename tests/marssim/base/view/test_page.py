@@ -61,7 +61,7 @@ def test_the_slider_shows_another_shot_with_its_own_choices_and_parts():
         page._boxes["Map"].value = False
         wait_until(lambda: not page._drawing.group("Map").visible)
         page._slider.value = 3
-        wait_until(lambda: page._name.content == "**wall 2** cannot be shown: depth.npy: is broken")
+        wait_until(lambda: page._name.content == r"**wall 2** cannot be shown: depth\.npy\: is broken")
         page._slider.value = 2
         wait_until(lambda: page._name.content == "**wall 1** 1600 points; drive")
         page._slider.value = 3
@@ -89,6 +89,17 @@ def test_boxes_are_those_of_the_present_shot_and_remember_what_was_hidden():
         page._slider.value = 1
         wait_until(lambda: shown_boxes(page) == {"Cloud", "Cameras", "Path", "Map"})
         assert not page._boxes["Map"].value and not page._drawing.group("Map").visible
+
+
+def test_words_of_a_shot_are_no_markup(browser_3d):
+    """viser renders HTML in Markdown, scripts too, and reads the files that images name."""
+    words = "<img src=x onerror=alert(1)> ![x](/etc/hostname) pkg.__main__:Net"
+    view = replace(wall(RED), note=words)
+    with Page([Shot(words, np.eye(4), lambda: view)], "wall", 0) as page:
+        browser_3d.get(page.address)
+        text = "return document.body.innerText"
+        wait_until(lambda: browser_3d.execute_script(text).count(words) == 2)
+        assert not browser_3d.find_elements("css selector", "img[src=x], img[alt=x]")
 
 
 def test_the_first_points_set_the_size_of_points_and_then_the_user():
