@@ -47,7 +47,8 @@ class CompareConfig:
     """Methods to compare: eyes (the navigator drives, so only the perception counts), drivers (all see true depth), or
     both (any driver with any perception)."""
     condition: tuple[str, ...] = ()
-    """Conditions to compare, over which the row `all` is then. Left out: all that the methods drove."""
+    """Conditions to compare the methods in; the table's row `all` is then over these alone. Left out: all that they
+    drove."""
     reference: str | None = None
     """Method that the others are compared to, as the tables name it, such as "navigator, sgbm". Left out: the first one
     of the first file."""

@@ -25,6 +25,7 @@ from envs.drives.shots import course_shots
 from envs.recording.drive_page import drive_path
 from envs.recording.look_shots import look_shots
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import STARTS_OVER
 from marssim.base.files.json_file import DatasetError
 from marssim.base.view.scene import Shot
 from marssim.base.view.show import check_viewer, show
@@ -91,7 +92,7 @@ def _course(record: EpisodeRecord) -> tuple[str, int]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, InspectConfig, "python -m envs.inspect", __doc__, args)
+    return run_command(_work, InspectConfig, "python -m envs.inspect", __doc__, args, STARTS_OVER)
 
 
 def _work(config: InspectConfig) -> None:

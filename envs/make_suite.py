@@ -25,6 +25,7 @@ from envs.suites.suite import load_suite, packaged_suites, suite_schema
 from marssim.base.command.limits import check_least
 from marssim.base.command.progress import progress
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import STARTS_OVER
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_schema import first_fault
 
@@ -128,7 +129,7 @@ def _passphrase(config: MakeSuiteConfig) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return the exit code."""
-    return run_command(_work, MakeSuiteConfig, "python -m envs.make_suite", __doc__, args)
+    return run_command(_work, MakeSuiteConfig, "python -m envs.make_suite", __doc__, args, STARTS_OVER)
 
 
 def _work(config: MakeSuiteConfig) -> None:

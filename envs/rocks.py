@@ -67,7 +67,9 @@ class RocksConfig:
     limit: int | None = None
     """Number of pairs to look at, 1 or more, spread evenly; left out: all."""
     degrade: str | None = None
-    """Make the images worse first, as in contrast=.33,blur=1,noise=2.5."""
+    """Degradation of the images before they are matched, as contrast=.33,blur=1,noise=2.5: contrast (a factor), blur
+    (sigma [px]) and noise (sigma [grey levels]) of both images; vertical (offset downwards [px]) and gain (brightness
+    relative to the left) of the right one alone."""
     seed: int = 0
     """Seed of the noise that --degrade adds, 0 or more."""
 

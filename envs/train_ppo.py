@@ -41,7 +41,7 @@ from envs.drives.place_note import place_note
 from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import GOES_ON, counted
+from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.files.no_link import append_line
@@ -53,7 +53,7 @@ from marssim.scene.presets import PRESETS
 POLICY, SETTINGS_FILE, LOG = "policy.zip", "train_ppo.json", "log.jsonl"  # in OUT
 LEARNING = ("gymnasium", "stable-baselines3")  # packages that learn, beside those of versions()
 SECONDS, VERSIONS = "seconds", "versions"  # keys in SETTINGS_FILE: time of training [s], versions of packages
-LOST = f"a worker process ended: its error is above, or it was killed, perhaps for lack of memory; {GOES_ON}"
+LOST = "a worker process ended: its error is above, or it was killed, perhaps for lack of memory"
 RATE = 1e-3  # learning rate at the start
 EPISODES_PER_SCENE = 8  # a new scene takes as long as some thirty steps
 BATCH = 64  # largest number of choices in a batch

@@ -182,7 +182,7 @@ def _work(options: EvaluateOptions) -> None:
 def _work_without_truth(options: EvaluateOptions) -> None:
     """Score the methods on pairs of images alone."""
     default = EvaluateOptions(options.data, options.out)
-    for name in ("predictions", "degrade", "seed", "max_disparity"):
+    for name in ("split", "predictions", "degrade", "seed", "max_disparity"):
         if getattr(options, name) != getattr(default, name):
             raise ValueError(f"{flag(name)} is for pairs with true depth; give --disparity or --depth")
     pairs = image_pairs(options.data, options.reader)

@@ -79,7 +79,7 @@ from m3depth.prediction.sources.pair_input import PairInput
 from m3depth.prediction.sources.raw_pairs import FOLDER
 from m3depth.stereo.prediction import Prediction
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import GOES_ON, counted
 from marssim.base.view.show import check_viewer, show
 
 
@@ -103,6 +103,8 @@ def predict(options: PredictOptions, estimator: Estimator | None = None) -> Pred
     inputs = find_inputs(options)
     options = inputs.remaining(options)
     if inputs.single:
+        if options.video:
+            raise ValueError("--video is of many pairs, and this is a single one")
         prediction = _predict_one(options, inputs, estimator)
         _view(options, inputs, inputs.pairs)
         return prediction
@@ -175,7 +177,8 @@ def _summary(result: PairPrediction, points: int | None) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command, and return its exit code: 2 for a mistake of the user, and for images that are no pair."""
-    return run_command(predict, PredictOptions, "python -m m3depth.predict", __doc__, args)
+    interrupted = f"{GOES_ON}; of a single pair, it starts over"
+    return run_command(predict, PredictOptions, "python -m m3depth.predict", __doc__, args, interrupted)
 
 
 if __name__ == "__main__":

@@ -74,9 +74,9 @@ class VerifyConfig:
     """At the end, show the clouds and cameras of the pairs, or of --sample, on a page in the browser, until Ctrl-C. It
     needs the extra `view`."""
     cross_check: bool = False
-    """Render random views of --scene, and tilted planes, with each renderer, and compare them with Embree's rays (a
-    dataset that is given too is checked before): the shares are those of the view that agrees least, the shifts are
-    over all views."""
+    """Render random views of --scene, and tilted planes, with each renderer, and compare them with Embree's rays. A
+    dataset that is given too is checked before. Of the table, shares are those of the view that agrees least, and
+    shifts of outlines are means over all views."""
     views: int = 10
     """Number of views of --cross-check, 1 or more."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]
@@ -92,6 +92,8 @@ class VerifyConfig:
             raise ValueError(f"--sample {self.sample}: give the folder of the dataset too")
         if self.data is None and self.view:
             raise ValueError("view shows the pairs of a dataset: give its folder too")
+        if self.farthest != VerifyConfig.farthest and self.sample is None and not self.view:
+            raise ValueError("farthest is of the clouds of --sample and --view: give one of them too")
         if self.data is None and not self.cross_check:
             raise ValueError("give the folder of a dataset, or --cross-check; --help explains both")
         for name in ("views", "scene", "seed"):
@@ -266,11 +268,21 @@ def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
         "definitions": definitions,
     }
     write_json(out / "verify.json", report)
-    files = {finding.path for finding in findings}
-    wrong = f"{counted(len(files), 'file')} wrong; delete their folders and repeat the command that made the dataset"
-    verdict = wrong if findings else "all files are as the index records them"
+    verdict = _wrong({finding.path for finding in findings}) or "all files are as the index records them"
     print(f"{config.data}: {counted(len(dataset), 'pair')}, {verdict}; see {out}")
     return not findings
+
+
+def _wrong(files: set[str]) -> str:
+    """Return how many files are wrong and how to mend them; "" if none is."""
+    if not files:
+        return ""
+    parts = [f"{counted(len(files), 'file')} wrong"]
+    if any(file.startswith("scenes/") for file in files):
+        parts.append("delete the folders of these samples, and repeat the command that made the dataset")
+    if others := sorted(file for file in files if not file.startswith("scenes/")):
+        parts.append(f"not of samples: {', '.join(others[:3])}{' and others' * (len(others) > 3)}")
+    return "; ".join(parts)
 
 
 def _read(root: Path, name: str) -> StereoSample | Finding:

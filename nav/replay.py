@@ -222,9 +222,9 @@ class ReplayConfig:
     scene: int = 0
     """Number of the scene in the dataset; each scene is one drive. The file of a drive has no number."""
     mount: tuple[float, float, float] | None = None
-    """Place of the cameras of a dataset on the rover: metres ahead of its origin, which is on the ground, metres above
-    the ground, above 0, and degrees that they look down, -90 to 90. Left out: that in the dataset, or else Zhurong's
-    (0.65 1.2 20), with a warning."""
+    """Place of the cameras of a dataset on the rover: metres ahead of its origin, which is on the ground, -10 to 10,
+    metres above the ground, 0.001 to 10, and degrees that they look down, -90 to 90. Left out: that in the dataset, or
+    else Zhurong's (0.65 1.2 20), with a warning."""
     prior: Path | None = None
     """Folder of a map of nav.map, in the world of the recorded poses and with cells of 0.1 m: heights that the
     navigator knows before the drive."""
@@ -238,12 +238,8 @@ class ReplayConfig:
     def __post_init__(self) -> None:
         if self.goal is not None and not np.isfinite(self.goal).all():
             raise ValueError(f"--goal must be two finite numbers [m], got {self.goal}")
-        x, height, pitch = self.mount or (0.0, 1.0, 0.0)
-        if not (abs(x) <= 10 and 0 < height <= 10 and -90 <= pitch <= 90):
-            raise ValueError(
-                "--mount must be metres ahead and above, up to 10, and -90 to 90 degrees, "
-                f"got {x:g} {height:g} {pitch:g}"
-            )
+        if self.mount is not None:
+            CameraMount.of_flag(self.mount)  # raises ValueError for values that no mast has
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -308,8 +304,7 @@ def _prior(folder: Path) -> ElevationMap:
 def _mount(config: ReplayConfig) -> CameraMount:
     """Return where the cameras of a dataset are on the rover."""
     if config.mount is not None:
-        x, height, pitch_deg = config.mount
-        return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg)))
+        return CameraMount.of_flag(config.mount)
     samples = StereoDataset(config.data)
     sample = samples[next(n for n, name in enumerate(samples.names) if int(name.split("/")[0]) == config.scene)]
     recorded = recorded_mount(sample.meta)

@@ -76,7 +76,9 @@ class CourseConfig:
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if self.ditch and self.goal_distance < LEAST_WITH_DITCH:
-            raise ValueError(f"ditch needs a goal_distance of {LEAST_WITH_DITCH:g} m or more, got {self.goal_distance}")
+            raise ValueError(
+                f"ditch needs a `goal_distance` of {LEAST_WITH_DITCH:g} m or more, got {self.goal_distance}"
+            )
         seed = self.scene_seed
         if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0):
             raise ValueError(f"scene_seed must be a whole number and not negative, got {seed!r}")

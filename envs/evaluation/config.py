@@ -83,8 +83,8 @@ class EvaluateConfig:
     """Height of the relief that is finer than the mesh (texture, which stereo matches): 0 has none, 1 is typical, 3 the
     most. Left out: drawn from the scene's range."""
     pebbles: float | None = None
-    """Strength of the pebbles and grains that are too small for the mesh: 0 has none, 1 the most. Left out: drawn from
-    the scene's range."""
+    """Number of the single pebbles of 0.5 to 8 cm on ground without sand, which the mesh does not hold: 0 has none, 1
+    the most. Left out: drawn from the scene's range."""
     wind_ripples: float | None = None
     """Share of the ground without gravel that is sand with hand-wide ripples, 0 to 1. Left out: drawn from the scene's
     range."""
@@ -109,7 +109,7 @@ class EvaluateConfig:
     grid: bool = False
     """Drive the frozen grid, k .033 .07 .10 .15 .20 by slopes 0 5 10 15 deg, instead of --k and --slope-deg."""
     goal_distance: float = 20.0
-    """Distance from start to goal [m], 3 to 100."""
+    """Distance from start to goal [m], 3 to 100, and 12 or more with --ditch."""
     dynamics: DynamicsName | None = None
     """How the rover moves: physics (rigid bodies in PyBullet) or kinematic (settling without dynamics, faster). Left
     out: physics, or kinematic where PyBullet is not installed."""
@@ -119,7 +119,8 @@ class EvaluateConfig:
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
     is installed and there is no GPU, and else pytorch."""
     disparity_noise: float = 0.0
-    """Standard deviation of an error added to the disparity [px], 0 to 10."""
+    """Standard deviation of an error added to the disparity [px of an image that is 512 px wide], 0 to 10. In one that
+    is half as wide, half of it is added."""
     align_rows: bool = True
     """Align the rows of the two images where they lie significantly apart, before the perception sees them."""
     drift: float = 0.0
@@ -142,12 +143,12 @@ class EvaluateConfig:
     There is one film if both are the same drive, and no best.mp4 if no drive arrived. For a film, the course is driven
     once more, with pictures of every step: that takes longer than the drive."""
     film_courses: tuple[int, ...] = ()
-    """Numbers of courses, 0 to one less than --episodes, as the pictures in OUT/maps show them. Every drive over these
-    courses is filmed too, into a file in OUT/videos."""
+    """Numbers of courses, 0 to one less than --episodes, as the pictures in OUT/maps show them, and of --shard if that
+    is given. Every drive over these courses is filmed too, into a file in OUT/videos."""
     bag_courses: tuple[int, ...] = ()
-    """Numbers of courses, 0 to one less than --episodes. Every drive over these courses is driven once more and written
-    as a ROS 2 bag into a folder in OUT/bags: images, depth, planned path, command, status and poses. It needs the extra
-    `real`."""
+    """Numbers of courses, 0 to one less than --episodes, and of --shard if that is given. Every drive over these
+    courses is driven once more and written as a ROS 2 bag into a folder in OUT/bags: images, depth, planned path,
+    command, status and poses. It needs the extra `real`."""
     record: Literal["none", "failures", "all"] = "none"
     """Drives to record step by step into OUT/drives: none, failures (those that do not reach the goal) or all. Each
     gets a page, which OUT/results.html links and which opens in a browser: what the rover saw and weighed at each step,
@@ -248,11 +249,17 @@ class EvaluateConfig:
         ]
 
     def check_shard(self) -> None:
-        """Raise ValueError if no course is left for the part that --shard names."""
+        """Raise ValueError if the part that --shard names has no course, or not those that another flag names."""
         if not self.tasks:
             courses = self.courses * len(self.cells)
             most = "there is only one course" if courses == 1 else f"use {courses} parts or fewer, one for each course"
             raise ValueError(f"--shard {self.shard} has no episode: {most}")
+        for flag in ("film_courses", "bag_courses"):
+            for number in getattr(self, flag):
+                if number not in {task.episode for task in self.tasks}:
+                    raise ValueError(
+                        f"--{flag.replace('_', '-')} {number}: --shard {self.shard} drives no course of this number"
+                    )
 
     def scene_config(self) -> SceneConfig:
         """Return the place with the given values instead of its ranges. Raises ValueError for a value out of range."""

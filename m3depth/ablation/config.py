@@ -11,7 +11,7 @@ import tyro
 from m3depth.ablation.studies import STUDIES, Study, Variant, distinct, without_repeats
 from m3depth.datasets.config import DataConfig
 from m3depth.network.device import DeviceName
-from m3depth.training.config import Recipe
+from m3depth.training.config import LIMITS, Recipe
 
 
 def budget_text(steps: int | None, minutes: float | None) -> str:
@@ -30,7 +30,8 @@ class AblateOptions:
 
     data: tuple[Path, ...]
     """Dataset folders to train on, together: of marssim.generate or of any layout that --format lists.
-    The flags of the reader, --format to --depth-range, pass by those of marssim if there are others.
+    Where other layouts are among them, the flags of the reader, --format to --depth-range, are for those, and datasets
+    of marssim are read without them.
     """
     out: Path
     """Folder to write the runs, the tables and the figures to."""
@@ -49,9 +50,10 @@ class AblateOptions:
     that are scored are not repeated.
     """
     steps: int | None = None
-    """Budget of each run in optimizer steps, 1 or more, so that every network is trained on the same crops."""
+    """Budget of each run in optimizer steps, above 0 and at most 1e9, so that every network is trained on the same
+    crops."""
     minutes: float | None = None
-    """Budget of each run in minutes of training, above 0, so that cheaper networks make more steps."""
+    """Budget of each run in minutes of training, above 0 and up to 1e7, so that cheaper networks make more steps."""
     preset: Literal["lite", "paper", "paper-thin"] = "lite"
     """Network that the studies change: lite, which ships; paper, the paper's full size; or paper-thin, the paper's
     parts at the widths of lite. Rows without a part that the preset lacks are left out.
@@ -61,12 +63,12 @@ class AblateOptions:
     paper, but with the --batch and --crop given here.
     """
     seeds: tuple[int, ...] = (0,)
-    """Seeds that every run is repeated with. Tables show means over them. To add seeds later in the same
+    """Seeds that every run is repeated with, 0 to 2^63 - 1. Tables show means over them. To add seeds later in the same
     --out, name them all."""
     limit: int | None = None
     """Number of test pairs to score, 2 or more, spread evenly over the split. Without it, all are scored."""
     batch: int = 4
-    """Number of crops in a training step."""
+    """Number of crops in a training step, 1 to 4096."""
     crop: tuple[int, int] = (256, 512)
     """Height and width of the crops [px]; both must be multiples of 8. A network pads crops that are no multiples of
     its own, and learns the padding; four and five levels of the wavelet transform need multiples of 128 and 256."""
@@ -81,9 +83,12 @@ class AblateOptions:
         if (self.steps is None) == (self.minutes is None):
             raise ValueError("give either --steps or --minutes: one budget for all runs")
         for name in ("steps", "minutes"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} must be positive, got {value}")
+            value, most = getattr(self, name), LIMITS[f"max_{name}"][1]
+            if value is not None and not 0 < value <= most:
+                raise ValueError(f"{name} must be above 0 and at most {most:g}, got {value}")
+        for seed in self.seeds:
+            if not 0 <= seed < 1 << 63:
+                raise ValueError(f"seeds must be 0 to 2^63 - 1, got {seed}")
         for name in ("data", "studies", "seeds"):
             if not getattr(self, name):
                 raise ValueError(f"{name} must name at least one")

@@ -26,7 +26,7 @@ from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import scored_depths
 from m3depth.training.config import RECIPES, TrainConfig, check_config
 from m3depth.training.ending import spent_budget
-from m3depth.training.loop import train
+from m3depth.training.loop import LOWER_RATE, train
 from m3depth.training.run import saved_progress
 from m3depth.training.samples import JoinedPairs
 from marssim.base.command.progress import watched
@@ -251,8 +251,11 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     _note_code(run.folder)
     try:
         train(run.config, samples, [])
+    except MemoryError as error:
+        reason = str(error).rpartition("; ")[2]
+        raise MemoryError(f"take fewer or smaller crops with --batch or --crop, or add --recompute; {reason}") from None
     except FloatingPointError as error:
-        message = f"{run.folder.name}: {error}; it stays out of the tables"
+        message = f"{run.folder.name}: {str(error).removesuffix(LOWER_RATE)}; it stays out of the tables"
         print(message, file=sys.stderr, flush=True)
         write_json(failed, {"error": message})
 

@@ -74,7 +74,7 @@ class DataConfig:
     """
     calib: Path | None = None
     """One calibration file for all pairs, or the word natecam for Zhurong's camera.
-    It may be of any kind that m3depth.predict reads, or the config file of OAISYS.
+    It may be any file of rectified cameras that m3depth.predict takes alone, or the config file of OAISYS.
     """
     focal: float | None = None
     """Focal length of the rectified images [px], above 0, given with --baseline instead of a calibration file."""

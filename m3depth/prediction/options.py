@@ -16,6 +16,7 @@ from m3depth.rectification.options import RawOptions
 from m3depth.runtimes.choice import RuntimeChoice
 from m3depth.stereo.pairs import LEAST_PIXELS
 from marssim.base.dataset.map_file import MAP_KINDS, MapFormat, MapKind
+from marssim.base.rover_spec import CameraMount
 
 CloudFrame = Literal["camera", "rover", "world"]
 Rectify = Literal["auto", "always", "never"]
@@ -59,7 +60,8 @@ class PredictOptions:
     focal: float | None = None
     """Focal length of the rectified images [px], above 0. Without it, that of the calibration file."""
     baseline: float | None = None
-    """Distance of the two cameras [m], above 0. Without it, that of the calibration file."""
+    """Distance of the two cameras [m], above 0: at least 0.001 and at most 10. Without it, that of the calibration
+    file."""
     calib: tuple[Path, ...] = ()
     """Calibration file of the pairs, or "natecam" for Zhurong's cameras; --focal, --baseline, --cx and --cy replace its
     values. For ROS's CameraInfo, give the files of the left and the right eye, or that of the right one alone. Without
@@ -86,11 +88,11 @@ class PredictOptions:
     """Axes of the world of --poses: z-up, or camera: those of the first left camera (x right, y down, z forward), as
     visual odometry gives them. Then the rover's frame at the first pair becomes the world."""
     mount: tuple[float, float, float] | None = None
-    """Place of the cameras on the rover: metres ahead of its origin, which is on the ground, metres above the ground,
-    above 0, and degrees that they look down, -90 to 90. The rows of raw images are level. Without it, that in the rig
-    file of m3depth.rectify, which the labels of a rover's images give, that of a drive of marssim, or Zhurong's (0.65
-    1.2 20), with a warning where that matters. A bag whose frames have the camera in base_footprint or base_link needs
-    none."""
+    """Place of the cameras on the rover: metres ahead of its origin, which is on the ground, -10 to 10, metres above
+    the ground, 0.001 to 10, and degrees that they look down, -90 to 90. The rows of raw images are level. Without it,
+    that in the rig file of m3depth.rectify, which the labels of a rover's images give, that of a drive of marssim, or
+    Zhurong's (0.65 1.2 20), with a warning where that matters. A bag whose frames have the camera in base_footprint or
+    base_link needs none."""
     weights: Path | None = None
     """Weights file (.safetensors) of m3depth.train to predict with; the same as --estimator m3depth:PATH. Without it,
     the shipped weights."""
@@ -140,7 +142,8 @@ class PredictOptions:
     voxel: float = 0.05
     """Edge of the cubes [m], 0.001 or more, whose points the fused cloud of pairs with poses averages."""
     video: bool = False
-    """Write a video of the pictures of many pairs, in order. Without it, only videos and bags give one."""
+    """Write a video of the pictures of many pairs, in order. Without it, only videos and bags give one. A single pair
+    has none."""
     view: bool = False
     """At the end, show clouds, cameras and path on a page in the browser, until Ctrl-C. Where all pairs have results
     already, it shows these. It needs the extra `view`."""
@@ -167,11 +170,10 @@ class PredictOptions:
                 raise ValueError(f"{name} must be finite, got {value}")
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
             raise ValueError(f"min_confidence must be 0 to 1, got {self.min_confidence:g}")
-        x, height, pitch = self.mount or (0.0, 1.0, 0.0)
-        if not (abs(x) <= 10 and 0 < height <= 10 and -90 <= pitch <= 90):
-            raise ValueError(
-                f"mount must be metres ahead and above, up to 10, and -90 to 90 degrees, got {x:g} {height:g} {pitch:g}"
-            )
+        if self.mount is not None:
+            CameraMount.of_flag(self.mount)  # raises ValueError for values that no mast has
+        if self.pose_axes != "z-up" and self.poses is None:
+            raise ValueError("pose_axes is of the poses in a file: give --poses")
         for count, name, most in ((len(self.calib), "calib", "calibration files"), (len(self.mask), "mask", "masks")):
             if count > 2:
                 raise ValueError(f"{name} {getattr(self, name)[2]}: a pair has two {most} at most, got a third")

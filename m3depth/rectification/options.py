@@ -38,14 +38,14 @@ class RectifyOptions:
     raw: Annotated[RawOptions, tyro.conf.arg(name="")] = field(default_factory=RawOptions)
     """How the images are rectified."""
     focal: float | None = None
-    """Focal length of the rectified images [px]. Without it, the shortest one that leaves no empty border, between half
-    of the lenses' own and all of it. With --align and no calibration, that of the given images: a turn of the cameras
-    up or down is then taken out of the columns too."""
+    """Focal length of the rectified images [px], above 0. Without it, the shortest one that leaves no empty border,
+    between half of the lenses' own and all of it. With --align and no calibration, that of the given images: a turn of
+    the cameras up or down is then taken out of the columns too."""
     size: tuple[int, int] | None = None
-    """Width and height of the rectified images [px]. Without it, those of the left image."""
+    """Width and height of the rectified images [px], 16 to 16384. Without it, those of the left image."""
     shift: float | None = None
-    """Disparity [px] to take out of all pixels, which rig.json gives back. Without it, one is chosen where the cameras
-    are turned towards each other; 0 takes out none."""
+    """Disparity [px] to take out of all pixels, -16384 to 16384, which rig.json gives back. Without it, one is chosen
+    where the cameras are turned towards each other; 0 takes out none."""
     mask: tuple[Path, ...] = ()
     """Mask of the left raw image, or of both: an image file whose pixels of 0 are left out, such as those of the rover
     itself."""

@@ -34,7 +34,8 @@ class TrainConfig:
 
     data: tuple[Path, ...]
     """Dataset folders, of marssim.generate or of a layout that --format lists.
-    Several are trained on as one. The flags of the reader, --format to --depth-range, then pass by those of marssim.
+    Several are trained on as one. Where other layouts are among them, the flags of the reader, --format to
+    --depth-range, are for those, and datasets of marssim are read without them.
     """
     out: Path
     """Folder of the run, for its checkpoint, weights, log, curves and image panels."""
@@ -93,18 +94,18 @@ class TrainConfig:
     initial: Literal["own", "normal"] = "own"
     """Weights of a new network: own are those of its parts; normal draws those of all convolutions and linear layers
     from normal distributions whose variance is 2 over the number of inputs (He et al.), also those that start small for
-    a purpose. Biases are then 0, and scales of normalisations 1.
+    a purpose. Biases are then 0, and scales of normalisations 1. A network of --init keeps its weights.
     """
     weight_decay: float = 1e-4
     """Weight decay of the optimizer, AdamW, 0 to 10; without, it is Adam."""
     clip: float = 1.0
     """Largest norm of the gradient, above 0; larger ones are scaled down to it."""
     ema: float = 0.998
-    """Decay of the averaged weights at each step; they are what is saved and validated.
+    """Decay of the averaged weights at each step, at least 0 and less than 1; they are what is saved and validated.
     0 saves the current weights without averaging.
     """
     seed: int = 0
-    """Seed of the initial weights, the order of the samples and the augmentation."""
+    """Seed of the initial weights, the order of the samples and the augmentation, 0 to 2^63 - 1."""
     loss: LossConfig = field(default_factory=LossConfig)
     """Weights of the loss terms."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)

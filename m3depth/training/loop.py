@@ -35,6 +35,8 @@ from marssim.base.command.signals import stop_on_signal
 from marssim.base.compute.free_memory import free_memory
 from marssim.base.results.claim import PARTIAL, ResultFolder
 
+LOWER_RATE = "; try a lower --lr"  # the end of the message on a training that has diverged
+
 
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
     """Train until the budget is spent or a signal comes; both leave a checkpoint that the same call continues.
@@ -308,7 +310,7 @@ def raise_if_diverged(fault: str | None, run: Run, world: int) -> None:
     if agree([float(fault is not None)], run.device, world)[0]:
         kept = f"{run.checkpoint} holds the last good state" if run.checkpoint.is_file() else "nothing is saved yet"
         reason = fault or "loss, gradient or weights of another process are not sound"
-        raise FloatingPointError(f"training has diverged: {reason} at step {run.step}; {kept}; try a lower --lr")
+        raise FloatingPointError(f"training has diverged: {reason} at step {run.step}; {kept}{LOWER_RATE}")
 
 
 def backward(

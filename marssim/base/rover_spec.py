@@ -68,6 +68,25 @@ class CameraMount:
         return look_pose(position, yaw=pan, pitch=self.pitch)
 
     @classmethod
+    def of_flag(cls, mount: tuple[float, float, float]) -> CameraMount:
+        """Return Zhurong's mast with the cameras where --mount puts them.
+
+        Args:
+            mount: Metres ahead of the rover's origin, metres above the ground, and degrees that the cameras look down.
+
+        Raises:
+            ValueError: No mast has such values; the message names the flag.
+        """
+        x, height, pitch_deg = mount
+        try:
+            return cls(x=x, height=height, pitch=float(np.deg2rad(pitch_deg)))
+        except ValueError:
+            raise ValueError(
+                f"--mount must be metres ahead, {-LONGEST:g} to {LONGEST:g}, metres above the ground, {SHORTEST:g} to "
+                f"{LONGEST:g}, and -90 to 90 degrees, got {x:g} {height:g} {pitch_deg:g}"
+            ) from None
+
+    @classmethod
     def of_left_eye(cls, pose: np.ndarray, baseline: float) -> tuple[CameraMount, float]:
         """Return the mast that holds the left camera where a pose says, and its pan [rad].
 

@@ -82,7 +82,7 @@ class Look:
         albedo_contrast: Contrast of the ground's pattern of bright and dark patches.
         texture_strength: Height of the relief that is finer than the mesh.
         texture_seed: Seed of the surface's patterns.
-        pebbles: Strength of pebbles and grains, 0 to 1.
+        pebbles: Number of the single pebbles of 0.5 to 8 cm on ground without sand, 0 to 1.
         wind_ripples: Share of the ground that is rippled sand, 0 to 1.
         bedding: How clearly rocks show level beds, 0 to 1.
         bedrock: How much of the ground is swept bare down to bedrock, 0 to 1.

@@ -194,6 +194,7 @@ def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_pat
     assert main(flags(plane_set, out, "--steps", "1", "--studies", "components")) == 1
     error = capsys.readouterr().err
     assert "no-wefe-0: training has diverged: loss is not finite at step 0" in error
+    assert "--lr" not in error  # which this command lacks
     assert error.endswith(f"error: {out}: the tables lack no-wefe-0, whose loss was not finite\n")
     assert "**Left out, since their loss was not finite: no-wefe-0.**" in (out / "results.md").read_text()
     assert [row["here"]["abs_rel"] is None for row in rows_of(out)] == [False, True, False, False]
@@ -207,16 +208,26 @@ def test_a_run_without_a_finite_loss_does_not_stop_the_others(plane_set, tmp_pat
         failed.unlink(missing_ok=True)
 
 
+def test_too_little_memory_names_the_flags_of_this_command(plane_set, tmp_path, monkeypatch, capsys) -> None:
+    def full(*_):
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 9 GiB.")
+
+    monkeypatch.setattr(training, "backward", full)
+    assert main(flags(plane_set, tmp_path / "ablation", "--steps", "1", "--studies", "components")) == 2
+    advice = "take fewer or smaller crops with --batch or --crop, or add --recompute; CUDA out of memory"
+    assert advice in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
         ([], "either --steps or --minutes"),
         (["--steps", "1", "--minutes", "1"], "either --steps or --minutes"),
-        (["--steps", "0"], "--steps must be positive"),
-        (["--minutes", "-1"], "--minutes must be positive"),
+        (["--steps", "0"], "--steps must be above 0 and at most 1e+09, got 0"),
+        (["--minutes", "1e8"], "--minutes must be above 0 and at most 1e+07"),
         (["--steps", "1", "--limit", "1"], "--limit must be at least 2"),
         (["--steps", "1", "--seeds"], "--seeds"),
-        (["--steps", "1", "--seeds", "-1"], "--seed must be"),
+        (["--steps", "1", "--seeds", "-1"], "--seeds must be 0 to 2^63 - 1, got -1"),
         (["--steps", "1", "--studies", "levls"], "--studies"),
         (["--steps", "1", "--crop", "36", "64"], "--crop 36 64: both must be multiples of 8"),
         (["--steps", "1", "--test", "nowhere"], "nowhere: no such folder"),

@@ -287,6 +287,20 @@ def test_two_images_of_different_things_are_refused(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--video"], "--video is of many pairs, and this is a single one"),
+        (["--pose-axes", "camera"], "--pose-axes is of the poses in a file: give --poses"),
+        (["--mount", "0", "0.0005", "0"], "--mount must be metres ahead, -10 to 10, metres above the ground, 0.001 to"),
+    ],
+)
+def test_flags_that_a_single_pair_cannot_use_are_refused(tmp_path, capsys, flags, message):
+    pair = map(str, textured_pair(tmp_path, 8))
+    assert main([*pair, "--focal", "60", "--baseline", "0.3", "--out", str(tmp_path / "o"), *flags]) == 2
+    assert message in capsys.readouterr().err and not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
     ("case", "message"),
     [
         ("sizes", "both images of a rectified pair must have the same size"),

@@ -162,7 +162,7 @@ def test_broken_files_are_named_and_the_exit_code_is_1(folder, tmp_path, capfd):
         "scenes/00001/00/depth.png: truncated",
         "scenes/00002/00/old.png: a file that the index does not list",
     ]
-    assert "3 files wrong" in lines[-1]
+    assert "3 files wrong; delete the folders of these samples, and repeat the command that made" in lines[-1]
     report = json.loads((tmp_path / "out" / "verify.json").read_text())
     assert not report["good"] and report["findings"][1] == {
         "path": "scenes/00001/00/depth.png", "problem": "truncated",
@@ -281,6 +281,7 @@ def test_a_folder_that_is_no_dataset_is_refused(folder, tmp_path, capfd):
         (("SET", "--farthest", "nan"), "--farthest"),
         (("--cross-check", "--views", 0), "--views"),
         (("somewhere", "--views", 3), "--views describes the views of --cross-check"),
+        (("somewhere", "--farthest", 9), "--farthest is of the clouds of --sample and --view"),
         (("somewhere", "--scene", "gale"), "--scene describes"),
         (("--cross-check", "--scene", "olympus"), "--scene"),
     ],

@@ -401,7 +401,10 @@ def test_the_cameras_are_where_the_dataset_or_the_flag_says(folder, tmp_path, ca
 
     for flag in (["0.65", "0", "20"], ["0.65", "1.2", "91"], ["0.65", "1200", "20"]):
         assert main([*command, "--mount", *flag]) == 2
-        assert "--mount must be metres ahead and above, up to 10, and -90 to 90 degrees" in capsys.readouterr().err
+        assert (
+            "--mount must be metres ahead, -10 to 10, metres above the ground, 0.001 to 10, and -90 to 90 deg"
+            in capsys.readouterr().err
+        )
 
 
 def test_a_goal_lies_ahead_and_to_the_left_of_the_first_image():

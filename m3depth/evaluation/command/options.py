@@ -28,7 +28,8 @@ class EvaluateOptions:
     out: Path
     """Folder to write results.json, results.md and the figures to; those of an earlier scoring are replaced."""
     split: Split = "test"
-    """Part of the dataset to score: test, which training leaves out, or all, for data that nothing was trained on."""
+    """Part of the dataset to score: test, which training leaves out, or all, for data that nothing was trained on. Of
+    pairs without true depth, all are scored."""
     weights: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH ...")] = ()
     """Weights files (.safetensors) of m3depth.train to score, each in a row named after its file or run folder.
     Without any, the shipped weights are scored, as M3Depth."""

@@ -6,8 +6,6 @@ World and rover: z up. Camera: x right, y down, z forward. A pose is a (4, 4) ma
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +17,7 @@ from marssim.base.calibration.bounded_text import read_text
 from marssim.base.dataset.sample import recorded_mount
 from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.pose import FARTHEST, ROVER_KEY, recorded_pose
-from marssim.base.rover_spec import ZHURONG
+from marssim.base.rover_spec import ZHURONG, CameraMount
 
 ASSUMED_KEY = "mount_assumed"  # in prediction.json: whether nothing says where the camera is on the rover
 MOUNT_ASSUMED = (
@@ -31,15 +29,14 @@ LOOKS_UP = 0.94  # z of the optical axis of a camera that looks up by 70 deg
 TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
 
 
-def mounted_camera_pose(mount: Sequence[float], baseline: float) -> np.ndarray:
+def mounted_camera_pose(mount: tuple[float, float, float], baseline: float) -> np.ndarray:
     """Return the pose of the left camera on the rover: (4, 4) camera to rover.
 
     Args:
         mount: Metres ahead of the rover's origin, metres above the ground, and degrees that the cameras look down.
         baseline: Distance of the cameras [m]; the origin lies midway between them.
     """
-    x, height, pitch_deg = mount
-    return replace(ZHURONG.mount, x=x, height=height, pitch=float(np.deg2rad(pitch_deg))).left_eye(baseline)
+    return CameraMount.of_flag(mount).left_eye(baseline)
 
 
 def rolled(pose: np.ndarray, baseline: float, raw_frame: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ from marssim.base.command.notes import one_note
 from marssim.base.command.streams import SafeStream, safe_streams
 from marssim.base.command.wording import GOES_ON, KILLED
 
-MISTAKES = (ValueError, OSError, ImportError, MemoryError, BrokenExecutor)
+MISTAKES = (ValueError, OSError, ImportError, MemoryError)
 # in errors of PyTorch, of cuBLAS, of cuDNN and of Apple's GPUs; a driver's error says "CUDA error: out of memory"
 _NO_MEMORY = r"can't allocate memory|out of memory|_ALLOC_FAILED"
 _FIELD = re.compile(r"`([a-z][a-z0-9_]*(?:\.[a-z][a-z0-9_]*)*)`")
@@ -55,7 +55,7 @@ def run_command(
         prog: The command, as it is typed.
         description: Text above the flags in --help.
         args: The command line; None: sys.argv without the program.
-        interrupted: What Ctrl-C leaves, and how to go on; it follows "interrupted; " in the message.
+        interrupted: What Ctrl-C or a worker that is killed leaves, and how to go on; it ends the message on that.
         default: An instance whose values are the defaults, instead of those of the class.
 
     Returns:
@@ -103,7 +103,7 @@ def exit_code(work: Callable[[], object], interrupted: str = GOES_ON) -> int:
 
     Args:
         work: Does the work.
-        interrupted: What Ctrl-C leaves, and how to go on.
+        interrupted: What Ctrl-C or a worker that is killed leaves, and how to go on.
     """
     with safe_streams() as out:
         code = _exit_code(work, interrupted, out)
@@ -120,6 +120,8 @@ def _exit_code(work: Callable[[], object], interrupted: str, out: SafeStream) ->
         out.flush()
     except BrokenPipeError as error:
         return 141 if out.reader_is_gone() else _fail(describe(error), 2)
+    except BrokenExecutor as error:
+        return _fail(f"{describe(error)}; {interrupted}", 2)
     except MISTAKES as error:
         return _fail(describe(error), 2)
     except FloatingPointError as error:

@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 
 GOES_ON = "the same command goes on from here"
 STARTS_OVER = "the same command starts over"  # likewise, of a command that keeps nothing
-KILLED = f"a worker process was killed, perhaps for lack of memory; {GOES_ON}, with fewer --workers it needs less"
+KILLED = "a worker process was killed, perhaps for lack of memory, of which fewer --workers need less"
 
 
 def counted(number: int, noun: str) -> str:

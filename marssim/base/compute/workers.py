@@ -29,7 +29,7 @@ import cv2
 from marssim.base.command.exits import exits_as_errors
 from marssim.base.command.notes import permit_for_workers, print_note, use_permit
 from marssim.base.command.streams import keep_streams_safe
-from marssim.base.command.wording import GOES_ON, KILLED
+from marssim.base.command.wording import KILLED
 
 TASKS_PER_WORKER = 64  # tasks after which a process is replaced, so that leaks and caches do not add up
 MOST_GROWTH = 400e6  # [bytes] a process is replaced earlier if its memory grows by more than this after its first task
@@ -283,7 +283,7 @@ def _on_cluster(
                     done(running.pop(future), future.result())
         except (KilledWorker, CancelledError):
             raise BrokenExecutor(
-                f"--scheduler {address}: the connection to it, or to several workers in turn, was lost; {GOES_ON}"
+                f"--scheduler {address}: the connection to it, or to several workers in turn, was lost"
             ) from None
         finally:
             for future in running:

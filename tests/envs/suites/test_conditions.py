@@ -29,7 +29,7 @@ def test_the_values_reach_place_course_and_eyes():
         ({"dust": 1}, "^condition: value 'dust' is unknown; choose from albedo_contrast"),
         ({"k": 2}, r"^k must lie in \[0, 0.4\]"), ({"optical_depth": 20.0}, "^optical_depth must be"),
         ({"lens_dust": 2}, "^lens_dust must lie"), (3, "^condition must be a name or a dict of values, got 3"),
-        ({"ditch": True, "goal_distance": 5.0}, "^ditch needs a goal_distance of 12 m or more, got 5"),
+        ({"ditch": True, "goal_distance": 5.0}, "^ditch needs a `goal_distance` of 12 m or more, got 5"),
         ({"into_sun": 1}, "^into_sun must be True or False"),
         ({"scene": 3}, "^scene must be a preset or the JSON file of a place, got 3"),
         ({"pebbles": "x"}, "^pebbles must be a number, got 'x'"),

@@ -115,7 +115,7 @@ def test_a_condition_and_then_options_replace_what_was_drawn():
         ({"condition": (None,)}, "^condition must be a name or a dict of values, got None"),
         (
             {"condition": ("clear", "ditch"), "goal_distance": (5, 20)},
-            "^ditch needs a goal_distance of 12 m or more, got 5$",
+            "^ditch needs a `goal_distance` of 12 m or more, got 5$",
         ),
         ({"condition": {"optical_depth": (3, 1)}}, r"^optical_depth must have the lower end .*got \(3, 1\)$"),
         ({"condition": {"optical_depth": (1, 20)}}, "^optical_depth must be a range LOW HIGH within 0 and 12"),

@@ -233,6 +233,7 @@ def classical(options):
     [
         (["--degrade", "blur=1"], "--degrade is for pairs with true depth"),
         (["--predictions", "A=x"], "--predictions is for pairs with true depth"),
+        (["--split", "val"], "--split is for pairs with true depth"),
         (["--seed", "1"], "--seed is for pairs with true depth"),
         (["--max-disparity", "384"], "--max-disparity is for pairs with true depth"),
         (["--resize", "0.5"], "--resize is for pairs with true depth"),

@@ -301,13 +301,15 @@ def test_a_command_without_an_output_folder_names_the_file(capsys):
 
 
 def test_broken_pools_and_interrupts_say_how_to_go_on(capsys):
-    assert "the same command goes on" in describe(BrokenExecutor())
+    assert describe(BrokenExecutor()).startswith("a worker process was killed, perhaps for lack of memory")
     error = ValueError("`relief.heightmap` /a/b.png: too small; choose a smaller `horizon` and `pip install x`")
     assert describe(error) == "--relief.heightmap /a/b.png: too small; choose a smaller --horizon and `pip install x`"
     assert describe(ValueError("give `relief.heightmap_at`")) == "give --relief.heightmap-at"
     assert describe(BrokenExecutor("--scheduler tcp://a:1: it was lost")) == "--scheduler tcp://a:1: it was lost"
     code, output = run(capsys, failing(KeyboardInterrupt()), interrupted="nothing was written")
     assert (code, output) == (130, "error: interrupted; nothing was written\n")
+    code, output = run(capsys, failing(BrokenExecutor("a worker died")), interrupted="the same command starts over")
+    assert (code, output) == (2, "error: a worker died; the same command starts over\n")
 
 
 def test_an_interruption_while_pytorch_writes_a_file_is_one_line(capsys):

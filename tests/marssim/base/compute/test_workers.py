@@ -180,7 +180,7 @@ def test_a_killed_worker_is_an_error_and_the_others_end_at_once(tmp_path):
 
     killer = threading.Thread(target=kill_one, daemon=True)
     killer.start()
-    with pytest.raises(BrokenExecutor, match=r"worker process was killed.*goes on.*--workers"):
+    with pytest.raises(BrokenExecutor, match=r"worker process was killed.*--workers"):
         run_tasks(touch_and_wait, [(tmp_path, "a"), (tmp_path, "b")], print, workers=2)
     killer.join()
     assert has_ended(int((tmp_path / "b").read_text()))
@@ -291,7 +291,7 @@ def test_a_cluster_whose_workers_die_is_an_error(monkeypatch):
     ):
         notified = threading.Event()
         LOCAL[local.scheduler_address] = local.scheduler, notified
-        with pytest.raises(BrokenExecutor, match=rf"^--scheduler {local.scheduler_address}: .*lost.*goes on"):
+        with pytest.raises(BrokenExecutor, match=rf"^--scheduler {local.scheduler_address}: .*lost$"):
             run_tasks(lose_the_worker, [(0,)], print, scheduler=local.scheduler_address)
         notified.set()
         del LOCAL[local.scheduler_address]
