@@ -7,6 +7,7 @@ import numpy as np
 from envs.drivers.builtin import NavigatorDriver
 from envs.mars_nav import MarsNavEnv
 from marssim.base.camera import PinholeCamera
+from marssim.base.pose import moved
 from marssim.render.renderers.renderer import Renderer
 from nav.ground.elevation import ElevationConfig, ElevationMap
 from nav.navigator import Navigator
@@ -53,7 +54,7 @@ def true_map(renderer: Renderer, half: float) -> ElevationMap:
             pose = np.array([[1, 0, 0, x], [0, -1, 0, y], [0, 0, -1, ABOVE], [0, 0, 0, 1.0]])
             depth = renderer.render(camera, pose, sunlit=False).depth.astype(float)
             valid = np.isfinite(depth)
-            hits = (rays[valid] * depth[valid][:, None]) @ pose[:3, :3].T + pose[:3, 3]
+            hits = moved(rays[valid] * depth[valid][:, None], pose)
             at = out.cell_of(hits[:, :2])
             inside = ((at >= 0) & (at < out.n)).all(axis=1)
             cells, heights = at[inside, 1] * out.n + at[inside, 0], hits[inside, 2]

@@ -13,8 +13,6 @@ from envs.drives.episodes import Cell, EpisodeRecord
 from envs.drives.metrics import effective_drives, wilson_interval
 from m3depth.figures.drawing import legend_labels, method_styles, plain_label, save
 
-Group = tuple[str, str]
-
 
 def plot_success(
     path: Path,

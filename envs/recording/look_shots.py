@@ -19,7 +19,7 @@ from envs.drives.episodes import EpisodeRecord
 from envs.drives.shots import LIFT, course_lines, ground_surface, rock_domes
 from envs.recording.code_colours import UNKNOWN, WORST, code_colours
 from marssim.base.dataset.drive_file import DriveFile, read_drive
-from marssim.base.pose import planar_pose
+from marssim.base.pose import moved, planar_pose
 from marssim.base.rover_spec import ZHURONG
 from marssim.base.view.clouds import view_of_maps
 from marssim.base.view.grids import grid_surface
@@ -135,7 +135,7 @@ class _Ground:
         colours = code_colours()["map"][self._codes]
         first = self._corner + 0.5 * self._cell
         flat = grid_surface("Map of the navigator", first, self._cell, self._heights - BELOW, colours)
-        return None if flat is None else replace(flat, vertices=_moved(self._to_world, flat.vertices))
+        return None if flat is None else replace(flat, vertices=moved(flat.vertices, self._to_world))
 
     def colours_at(self, places: np.ndarray) -> np.ndarray:
         """Return the colours (N, 3) uint8 of places (N, 2) [m] of the odometry's frame; grey beyond the map."""
@@ -152,7 +152,7 @@ class _Ground:
         inside, row, column = self._cells(places)
         heights = np.full(len(places), np.nan) if self._heights is None else self._heights[row, column]
         heights = np.where(inside & np.isfinite(heights), heights, level)
-        return _moved(self._to_world, np.column_stack([places, heights + ABOVE]))
+        return moved(np.column_stack([places, heights + ABOVE]), self._to_world)
 
     def _cells(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return whether places (N, 2) [m] are on the map, and row and column of their cells, (N,) each."""
@@ -171,7 +171,7 @@ def _drive_lines(drive: DriveFile, n: int, ground: _Ground | None) -> list[Line]
     ahead, left = drive.content["rover"]["length"] / 2, drive.content["rover"]["width"] / 2
     corners = np.array([[x * ahead, y * left, ABOVE] for x, y in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))])
     touched = step["contact"] != "none"
-    lines.append(Line("Rover", _moved(_pose(step, "pose"), corners), CONTACT if touched else COLOURS["rover"]))
+    lines.append(Line("Rover", moved(corners, _pose(step, "pose")), CONTACT if touched else COLOURS["rover"]))
     if ground is None:
         return lines
     believed = _pose(step, "believed_pose")
@@ -200,8 +200,3 @@ def _note(drive: DriveFile, n: int) -> str:
     if step["abs_rel"] is not None:
         words.append(f"depth error {100 * step['abs_rel']:.1f} %")
     return "; ".join(words)
-
-
-def _moved(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return points (N, 3) moved by a pose (4, 4)."""
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])

@@ -7,7 +7,7 @@ import numpy as np
 from marssim.base.angle import wrapped
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
-from marssim.base.pose import look_pose, rotate
+from marssim.base.pose import look_pose, moved, rotate
 from marssim.physics.body import Part
 from marssim.physics.state import RoverState
 from marssim.render.geometry.gbuffer import Footprint
@@ -129,7 +129,7 @@ class OutsideView:
 
 
 def _part(part: Part, number: int) -> Mesh:
-    vertices = part.vertices @ part.pose[:3, :3].T + part.pose[:3, 3]
+    vertices = moved(part.vertices, part.pose)
     surface = np.full(len(part.faces), number, dtype=np.int32)
     return Mesh(vertices, part.faces, surface, np.zeros_like(vertices))
 

@@ -60,12 +60,11 @@ def in_eight_bits(*images: np.ndarray) -> list[np.ndarray]:
     return [np.round(np.minimum(image * (255 / white), 255)).astype(np.uint8) for image in images]
 
 
-def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | None:
+def decode_image(data: bytes) -> np.ndarray | None:
     """Decode an image file without messages on stderr.
 
     Args:
         data: Bytes of the file.
-        flag: Flag of cv2.imdecode, such as cv2.IMREAD_GRAYSCALE.
 
     Returns:
         (H, W) or BGR (H, W, 3), of any type; None if the file cannot be decoded.
@@ -75,7 +74,7 @@ def decode_image(data: bytes, flag: int = cv2.IMREAD_UNCHANGED) -> np.ndarray | 
     if data[:2] in (b"Pf", b"PF"):
         values = decode_pfm(data)
         return values[..., ::-1] if values is not None and values.ndim == 3 else values
-    return decode(data, flag)
+    return decode(data, cv2.IMREAD_UNCHANGED)
 
 
 def read_image(path: Path) -> np.ndarray:

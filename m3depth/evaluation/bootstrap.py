@@ -12,9 +12,7 @@ COVERAGE = 0.95  # of intervals
 FEWEST_CLUSTERS = 4  # that an interval needs
 
 
-def resampled_means(
-    values: np.ndarray, clusters: Sequence[Hashable] | None = None, draws: int = DRAWS, seed: int = 0
-) -> np.ndarray:
+def resampled_means(values: np.ndarray, clusters: Sequence[Hashable] | None = None, draws: int = DRAWS) -> np.ndarray:
     """Return means over `draws` samples of as many rows as there are, drawn with replacement.
 
     Args:
@@ -23,7 +21,6 @@ def resampled_means(
         clusters: (N,) what each row belongs to, as images belong to a scene. Rows of one cluster resemble each other
             and are drawn together, as many clusters as there are (a cluster bootstrap). None: each row by itself.
         draws: Number of samples.
-        seed: Seed of the draws.
 
     Returns:
         (draws, ...) means.
@@ -34,7 +31,7 @@ def resampled_means(
         member = np.array([number[name] for name in clusters])
         total, size = np.zeros((len(number), *values.shape[1:])), np.bincount(member).astype(float)
         np.add.at(total, member, values)
-    picks = np.random.default_rng(seed).integers(0, len(total), (draws, len(total)))
+    picks = np.random.default_rng(0).integers(0, len(total), (draws, len(total)))
     rows = size[picks].sum(axis=1)
     return total[picks].sum(axis=1) / rows.reshape(-1, *[1] * (values.ndim - 1))
 

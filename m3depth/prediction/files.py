@@ -23,6 +23,7 @@ from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.files.npy import encode_npy
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
+from marssim.base.pose import moved
 from marssim.base.results.claim import PARTIAL, ResultFolder
 
 EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
@@ -144,7 +145,7 @@ def write_prediction(
             result.left, result.prediction, result.rig, options.cloud_confidence, options.max_range
         )
         if options.cloud_frame != "camera":
-            points = points @ cloud_pose[:3, :3].T + cloud_pose[:3, 3]
+            points = moved(points, cloud_pose)
         write_atomically(out / CLOUD, encode_ply(points, colours))
         count = len(points)
     if "figure" in options.write:

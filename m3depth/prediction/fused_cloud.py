@@ -58,7 +58,8 @@ class FusedCloud:
         """Return the mean points (M, 3) [m] and colours (M, 3) uint8, one for each cube that holds any."""
         if self._origin is None:
             return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-        self._merge()
+        if self._waiting:
+            self._merge()
         mean = self._sums[:, :6] / self._sums[:, 6:]
         return mean[:, :3] + self._origin, np.round(mean[:, 3:]).astype(np.uint8)
 

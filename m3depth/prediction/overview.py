@@ -19,7 +19,7 @@ from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import read_json
 from marssim.base.files.png import decode_png
 from marssim.base.images.video_file import written_video
-from marssim.base.pose import ROVER_KEY
+from marssim.base.pose import ROVER_KEY, moved
 
 SHEET, VIDEO, FUSED = "overview.jpg", "video.mp4", "fused_cloud.ply"
 MOST, COLUMNS = 20, 4  # pictures of the sheet
@@ -86,20 +86,15 @@ def write_video(out: Path, names: Sequence[str], rate: float) -> None:
             write(picture)
 
 
-def write_fused_cloud(out: Path, names: Sequence[str], voxel: float) -> int:
+def write_fused_cloud(out: Path, names: Sequence[str], voxel: float) -> None:
     """Fuse the clouds of the pairs, all of which have poses in one world.
 
     Args:
         out: The folder of the results.
         names: Folders of the pairs in it.
         voxel: Edge of the cubes in which points are averaged [m].
-
-    Returns:
-        The number of points.
     """
-    fused = fuse(_clouds(out, names), voxel)
-    write_atomically(out / FUSED, fused.encode())
-    return len(fused.result()[0])
+    write_atomically(out / FUSED, fuse(_clouds(out, names), voxel).encode())
 
 
 def _clouds(out: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -110,7 +105,7 @@ def _clouds(out: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, np.nd
         if record["cloud_frame"] == "rover":
             pose = pose @ np.linalg.inv(record[ROVER_KEY])
         if record["cloud_frame"] != "world":
-            points = points @ pose[:3, :3].T + pose[:3, 3]
+            points = moved(points, pose)
         if len(points):
             yield points, colours
 

@@ -32,6 +32,11 @@ def rotate(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return cv2.transform(flat, matrix).reshape(*vectors.shape[:-1], len(matrix))
 
 
+def moved(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Return points (N, 3) or (3,) of the frame that a pose (4, 4) leads from, in the one that it leads to."""
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+
 def planar_pose(pose: np.ndarray) -> np.ndarray:
     """Return where a body stands on the map, (3,): x, y [m] and its heading from x [rad], positive to the left.
 

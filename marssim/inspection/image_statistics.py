@@ -59,18 +59,17 @@ class GroundTexture:
     windows: int
 
 
-def linear(grey: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
+def linear(grey: np.ndarray) -> np.ndarray:
     """Return luminance that is linear in light.
 
     Args:
-        grey: (H, W) uint8 image.
-        gamma: Power that undoes the encoding of the camera.
+        grey: (H, W) uint8 image, whose encoding by the camera the power GAMMA undoes.
 
     Returns:
         (H, W) float32 in (0, 1].
     """
     share = np.maximum(grey.astype(np.float32) / 255, DARKEST)
-    return np.asarray(share**gamma, dtype=np.float32)
+    return np.asarray(share**GAMMA, dtype=np.float32)
 
 
 def ground_texture(luminance: np.ndarray, mask: np.ndarray) -> GroundTexture:

@@ -184,17 +184,16 @@ def check_extra(dataset: StereoDataset, results: Path | None = None) -> list[Fin
     return findings
 
 
-def check_written(root: Path, names: Sequence[str], recorded: dict[str, str], threads: int = 2) -> list[Finding]:
+def check_written(root: Path, names: Sequence[str], recorded: dict[str, str]) -> list[Finding]:
     """Check samples that earlier runs have written to a folder.
 
     Args:
         root: Folder of the dataset.
         names: "scene/view" of the samples.
         recorded: SHA-256 of sample.json by the name of the sample. A sample.json without one is not hashed.
-        threads: How many files are hashed at the same time.
     """
     check = partial(_check_sample, root, recorded)
-    return [finding for each in in_threads(check, names, threads) for finding in each]
+    return [finding for each in in_threads(check, names, 2) for finding in each]
 
 
 def _check_sample(root: Path, recorded: dict[str, str], name: str) -> list[Finding]:

@@ -95,9 +95,9 @@ def _beam(start, end) -> trimesh.Trimesh:
     return trimesh.creation.cylinder(radius=BEAM / 2, segment=np.array([start, end], dtype=float), sections=10)
 
 
-def _cylinder(centre, axis: str, radius: float, length: float, sections: int = 24) -> trimesh.Trimesh:
+def _cylinder(centre, axis: str, radius: float, length: float) -> trimesh.Trimesh:
     half = np.eye(3)["xyz".index(axis)] * length / 2
-    return trimesh.creation.cylinder(radius=radius, segment=np.array([centre - half, centre + half]), sections=sections)
+    return trimesh.creation.cylinder(radius=radius, segment=np.array([centre - half, centre + half]), sections=24)
 
 
 def _wheel(spec: RoverSpec) -> trimesh.Trimesh:

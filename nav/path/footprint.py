@@ -56,15 +56,32 @@ def footprint_distance(field: np.ndarray, elevation: ElevationMap, poses: np.nda
         (...) distance [m]; negative where they overlap, -inf off the map.
     """
     centres, radius = footprint_discs(spec)
+    return sampled(field, elevation, poses, centres, -np.inf).min(axis=-1) - radius
+
+
+def sampled(
+    values: np.ndarray, elevation: ElevationMap, poses: np.ndarray, points: np.ndarray, outside: float
+) -> np.ndarray:
+    """Return the values of the cells under points of the rover.
+
+    Args:
+        values: (n, n) values of the cells of the elevation map.
+        elevation: The map.
+        poses: (..., 3) x, y [m], yaw [rad].
+        points: (k, 2) metres ahead and to the left of the body's origin.
+        outside: The value off the map.
+
+    Returns:
+        (..., k) values.
+    """
     cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
-    x = poses[..., 0, None] + cos * centres[:, 0] - sin * centres[:, 1]
-    y = poses[..., 1, None] + sin * centres[:, 0] + cos * centres[:, 1]
+    x = poses[..., 0, None] + cos * points[:, 0] - sin * points[:, 1]
+    y = poses[..., 1, None] + sin * points[:, 0] + cos * points[:, 1]
     cell = elevation.cell_of(np.stack([x, y], axis=-1))
     n = elevation.n
     inside = ((cell >= 0) & (cell < n)).all(axis=-1)
     cell = np.clip(cell, 0, n - 1)
-    distance = np.where(inside, field[cell[..., 1], cell[..., 0]], -np.inf)
-    return distance.min(axis=-1) - radius
+    return np.where(inside, values[cell[..., 1], cell[..., 0]], outside)
 
 
 def arc_poses(start: np.ndarray, curvature: np.ndarray, distance: np.ndarray) -> np.ndarray:

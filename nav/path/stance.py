@@ -13,6 +13,9 @@ import numpy as np
 
 from marssim.base.rover_spec import RoverSpec
 from nav.ground.elevation import ElevationMap
+from nav.path.footprint import sampled
+
+UNSEEN = -1e6  # [m] the height of ground that was not seen, below all other
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class StanceModel:
     def __init__(self, elevation: ElevationMap, spec: RoverSpec) -> None:
         self.elevation, self.spec = elevation, spec
         cell = elevation.config.cell
-        top = np.where(elevation.measured, elevation.top, np.float32(-1e6))
+        top = np.where(elevation.measured, elevation.top, np.float32(UNSEEN))
         patch = max(1, round(2 * spec.wheel_radius / cell)) // 2 * 2 + 1
         self._wheel = cv2.dilate(top, np.ones((patch, patch), np.uint8))
         self._belly = cv2.dilate(top, np.ones((3, 3), np.uint8))
@@ -45,8 +48,8 @@ class StanceModel:
         """Return the stance at poses (..., 3): x, y [m], yaw [rad]."""
         spec = self.spec
         hubs = spec.wheel_positions[:, :2]
-        wheel = self._sample(self._wheel, poses, hubs)
-        on_map = np.asarray((wheel > -1e5).all(axis=-1))
+        wheel = sampled(self._wheel, self.elevation, poses, hubs, UNSEEN)
+        on_map = np.asarray((wheel > UNSEEN / 10).all(axis=-1))
         wheel = np.where(on_map[..., None], wheel, 0.0)
         side = wheel.reshape(*wheel.shape[:-1], 3, 2)  # front, middle, rear by left, right
         front, back = side[..., 0, :], (side[..., 1, :] + side[..., 2, :]) / 2
@@ -57,16 +60,6 @@ class StanceModel:
         tilt = np.arctan(np.hypot(rise, bank))
         ahead, across = self._under[:, 0] - np.mean(axles), self._under[:, 1]  # from the middle of the six wheels
         floor = wheel.mean(axis=-1)[..., None] + rise[..., None] * ahead + bank[..., None] * across
-        room = (floor + spec.belly_clearance - self._sample(self._belly, poses, self._under)).min(axis=-1)
+        belly = sampled(self._belly, self.elevation, poses, self._under, UNSEEN)
+        room = (floor + spec.belly_clearance - belly).min(axis=-1)
         return Stance(np.where(on_map, tilt, 0.0), np.where(on_map, room, np.inf))
-
-    def _sample(self, surface: np.ndarray, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return the surface [m] under body points (k, 2) at poses (..., 3): (..., k), -1e6 where nothing was seen."""
-        cos, sin = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
-        x = poses[..., 0, None] + cos * points[:, 0] - sin * points[:, 1]
-        y = poses[..., 1, None] + sin * points[:, 0] + cos * points[:, 1]
-        cell = self.elevation.cell_of(np.stack([x, y], axis=-1))
-        n = self.elevation.n
-        inside = ((cell >= 0) & (cell < n)).all(axis=-1)
-        cell = np.clip(cell, 0, n - 1)
-        return np.where(inside, surface[cell[..., 1], cell[..., 0]], -1e6)

@@ -35,7 +35,7 @@ def score_without_truth(
     about: Mapping[str, Any],
     saved_state: SavedState,
     align_rows: bool = False,
-) -> dict[str, dict[str, float]]:
+) -> None:
     """Score the methods on pairs, write results.json and results.md, and print the table.
 
     Args:
@@ -45,9 +45,6 @@ def score_without_truth(
         about: What the results say about the run.
         saved_state: Where the scores so far are saved, and loaded from; the caller removes it when the figure is drawn.
         align_rows: Whether to align the rows of each pair first.
-
-    Returns:
-        The means over the pairs, by method.
 
     Raises:
         DatasetError: A file of a pair cannot be used.
@@ -79,4 +76,3 @@ def score_without_truth(
     write_atomically(out / "results.md", "".join(parts).encode())
     print(table(results))
     print(f"{counted(len(records), 'pair')} without true depth; the scores of each are in {out / 'results.md'}")
-    return results

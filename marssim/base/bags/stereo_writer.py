@@ -112,12 +112,12 @@ class StereoBagWriter(BagWriter):
         """Write what the driver does, as nav.command.Command.status, or how the drive ended."""
         self.write(names.STATUS, stamp, text_message(status))
 
-    def write_path(self, stamp: int, path: np.ndarray, frame: str = names.ODOM) -> None:
-        """Write a planned path (N, 3) [m] in a frame."""
-        self.write(names.PATH, stamp, path_message(stamp, frame, path))
+    def write_path(self, stamp: int, path: np.ndarray) -> None:
+        """Write a planned path (N, 3) [m], in the frame of the odometry."""
+        self.write(names.PATH, stamp, path_message(stamp, names.ODOM, path))
 
-    def write_goal(self, stamp: int, place: np.ndarray, frame: str = names.MAP) -> None:
-        """Write the goal (3,) [m] in a frame."""
+    def write_goal(self, stamp: int, place: np.ndarray) -> None:
+        """Write the goal (3,) [m], in the frame of the map."""
         pose = np.eye(4)
         pose[:3, 3] = place
-        self.write(names.GOAL, stamp, stamped_pose_message(stamp, frame, pose))
+        self.write(names.GOAL, stamp, stamped_pose_message(stamp, names.MAP, pose))

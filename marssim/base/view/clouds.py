@@ -55,7 +55,6 @@ def view_of_maps(
     confidence: np.ndarray | None = None,
     scale: tuple[float, float] = (NEAR, MAX_DEPTH),
     farthest: float = FARTHEST,
-    most: int = MOST,
 ) -> tuple[View, np.ndarray]:
     """Return the view of a pair, with colours by all of its maps.
 
@@ -67,12 +66,11 @@ def view_of_maps(
         confidence: (H, W), 0 to 1.
         scale: Nearest and farthest depth [m] of the colours of depth.
         farthest: Depth beyond which pixels become no points [m].
-        most: Largest number of points.
 
     Returns:
         The view, and the pixels of its points, (H, W) bool.
     """
-    pixels = shown_pixels(depth, farthest, most)
+    pixels = shown_pixels(depth, farthest)
     points = (rig.camera.rays()[pixels] * depth[pixels, None]).astype(np.float32)
     layers = {}
     if image is not None:

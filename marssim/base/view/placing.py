@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from marssim.base.pose import moved
 from marssim.base.view.scene import View
 
 NEAREST, FARTHEST = 0.2, 20.0  # [m] from which a cloud is looked at
@@ -37,7 +38,7 @@ def moved_along(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np
         before, after: (4, 4) camera to world.
     """
     frame = upright(after) @ np.linalg.inv(upright(before))
-    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
+    return moved(points, frame)
 
 
 def reach_of(view: View) -> float:

@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 
 from marssim.base.dataset.frame import ROVER
+from marssim.base.pose import moved
 from marssim.base.rover_spec import ZHURONG
 from marssim.render.geometry.mesh import SceneMesh
 from marssim.render.own_rover.materials import DARK, DECK, FOIL, FRAME, METAL, PANEL
@@ -49,7 +50,7 @@ class RoverBody:
         foot = bar.moved(camera_pose).vertices.mean(axis=0)
         mast = SPEC.mount
         pole = [(mast.x - 0.13, 0.0, DECK_TOP), (mast.x, 0.0, mast.height - 0.1)]  # its top lies on the axis of the pan
-        world = [np.array(point) @ pose[:3, :3].T + pose[:3, 3] for point in pole]
+        world = [moved(np.array(point), pose) for point in pole]
         parts = [part.moved(pose) for part in _fixed_parts()]
         parts += [beam(world[0], world[1], 0.07, DECK), beam(world[1], foot, 0.06, DECK), bar.moved(camera_pose)]
         self.pose = pose

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from marssim.base.pose import moved
+
 CORNERS = 16  # of the circle of a wheel
 
 
@@ -24,7 +26,7 @@ class Shape(NamedTuple):
 
     def moved(self, pose: np.ndarray) -> Shape:
         """Return the shape moved by a rigid motion (4, 4)."""
-        return self._replace(vertices=self.vertices @ pose[:3, :3].T + pose[:3, 3])
+        return self._replace(vertices=moved(self.vertices, pose))
 
 
 def prism(outline: np.ndarray, low: float, high: float, material: int) -> Shape:

@@ -37,7 +37,7 @@ from marssim.render.relief.terrain_spline import FineSpline
 from marssim.render.relief.tiles import Tile, tile_levels
 from marssim.scene.ground.cover import CELL as COVER_CELL
 from marssim.scene.ground.cover import ground_cover
-from marssim.scene.ground.drifts import DRIFT_CELL, drifts_of, wind_direction
+from marssim.scene.ground.drifts import DRIFT_CELL, drifts_of
 from marssim.scene.ground.noise import TEXELS, TILE
 from marssim.scene.look import Look
 from marssim.scene.scene import Scene
@@ -88,7 +88,7 @@ def _made(scene: Scene) -> Ground:
     wavelength = float(np.exp(rng.uniform(*np.log(RIPPLE_WAVELENGTHS))))
     data = _Data()
     ripples, steep = _ripples(data, seed, wavelength, rng)
-    near = surroundings(scene.rocks, scene.half, wind_direction(look), scene.outcrop.bodies)
+    near = surroundings(scene.rocks, scene.half, scene.outcrop.bodies)
     fine, drifts = _with_drifts(scene)
     strength, bedrock = look.texture_strength, look.bedrock > 0
     grain = fractal_levels(seed % VARIANTS + VARIANTS, *GRAIN, GRAIN_WAVES)
@@ -179,7 +179,7 @@ def _cover(data: _Data, scene: Scene, near: np.ndarray) -> Cover:
     inside = np.flatnonzero(np.abs(cover.axis) <= scene.half)
     pick = np.rint((cover.axis[inside] + scene.half) / NEAR_CELL).astype(int)
     rubble = np.zeros_like(cover.sand)
-    rubble[np.ix_(inside, inside)] = scene.outcrop.traits.fragments * near[np.ix_(pick, pick)][..., 2] / CODE
+    rubble[np.ix_(inside, inside)] = scene.outcrop.traits.fragments * near[np.ix_(pick, pick)][..., 1] / CODE
     gravel = np.maximum(cover.gravel * (1 - 0.7 * cover.drift), FRAGMENTS * rubble * (1 - cover.drift))
     share = np.stack([cover.sand, gravel, cover.swept], axis=-1)
     return Cover(data.add(share), np.int32(len(share)), np.float32(cover.start), np.float32(1 / COVER_CELL))

@@ -1,5 +1,4 @@
-"""Maps of how rocks change the ground around them: they hide part of the sky, sand gathers in their lee, and fragments
-lie at their feet."""
+"""Maps of how rocks change the ground around them: they hide part of the sky, and fragments lie at their feet."""
 
 from __future__ import annotations
 
@@ -13,30 +12,28 @@ from marssim.scene.rocks.mesh import Rocks
 CELL = 0.05  # [m] grid spacing of the maps
 SMALLEST = 0.12  # [m] diameter of the smallest rocks that count
 REACHES = (0.08, 0.24)  # [m] distances over which a rock of that height hides sky
-TAIL = 2.5  # length of the sand behind a rock, in its diameters
 APRON = 1.7  # radius of the area with fragments, in radii of the rock
 FRAGMENTS = 0.6  # density of fragments there, 0 to 1
-SAND_BORDER, APRON_BORDER = 0.06, 0.1  # [m] standard deviations of the blur at the borders of both
+APRON_BORDER = 0.1  # [m] standard deviation of the blur at its border
 SHIFT = 4  # binary digits of sub-pixel positions in OpenCV's drawing
 CODE = 255  # code of a share of 1
 
 
-def surroundings(rocks: Rocks, half: float, wind: tuple[float, float], outcrop: Rocks | None = None) -> np.ndarray:
+def surroundings(rocks: Rocks, half: float, outcrop: Rocks | None = None) -> np.ndarray:
     """Return the maps of a scene's fine square.
 
     Args:
         rocks: The rocks.
         half: Half the side of the square [m].
-        wind: (2,) unit vector of the direction that the wind blows to.
-        outcrop: Bodies that hide sky too, but gather neither sand nor fragments; None for none.
+        outcrop: Bodies that hide sky too, but shed no fragments; None for none.
 
     Returns:
-        (N, N, 3) uint8 on a grid of spacing CELL, rows northward, columns eastward, in units of 1 / CODE: the share of
-        the sky that rocks hide from level ground (half at the foot of a wall), the cover of sand behind them, and the
-        density of fragments around them.
+        (N, N, 2) uint8 on a grid of spacing CELL, rows northward, columns eastward, in units of 1 / CODE: the share of
+        the sky that rocks hide from level ground (half at the foot of a wall), and the density of fragments around
+        them.
     """
     side = int(np.ceil(2 * half / CELL)) + 1
-    height, drift, rubble = np.zeros((3, side, side), dtype=np.float32)
+    height, rubble = np.zeros((2, side, side), dtype=np.float32)
     one = 1 << SHIFT
     if outcrop is not None:
         for n, (x, y), r in zip(*_discs(outcrop, half)):
@@ -44,20 +41,14 @@ def surroundings(rocks: Rocks, half: float, wind: tuple[float, float], outcrop: 
                 height, (round(x * one), round(y * one)), round(r * one), outcrop.height[n], -1, cv2.LINE_8, SHIFT
             )
     chosen, at, radius = _discs(rocks, half)
-    along, across = np.array(wind), np.array([-wind[1], wind[0]])
-    # a tail of sand is as wide as the rock where it begins, and pointed where it ends
-    corners = np.array([[0.0, 0.8], [0.8, 0.7], [1.0 + TAIL, 0.15], [1.0 + TAIL, -0.15], [0.8, -0.7], [0.0, -0.8]])
-    tails = at[:, None] + radius[:, None, None] * (corners[:, :1] * along + corners[:, 1:] * across)
-    for (x, y), r, tall, tail in zip(np.rint(at * one), np.rint(radius * one), rocks.height[chosen], tails):
+    for (x, y), r, tall in zip(np.rint(at * one), np.rint(radius * one), rocks.height[chosen]):
         cv2.circle(height, (int(x), int(y)), int(r), float(tall), -1, cv2.LINE_8, SHIFT)
         cv2.circle(rubble, (int(x), int(y)), int(APRON * r), FRAGMENTS, -1, cv2.LINE_8, SHIFT)
-        cv2.fillConvexPoly(drift, np.rint(tail * one).astype(np.int32), 1.0, cv2.LINE_8, SHIFT)
     hidden = np.mean(
         [cv2.GaussianBlur(np.minimum(height / reach, 1), (0, 0), reach / CELL) for reach in REACHES], axis=0
     )
-    sand = cv2.GaussianBlur(drift, (0, 0), SAND_BORDER / CELL)
     broken = cv2.GaussianBlur(rubble, (0, 0), APRON_BORDER / CELL)
-    return np.rint(CODE * np.stack([hidden, sand, broken], axis=-1)).astype(np.uint8)
+    return np.rint(CODE * np.stack([hidden, broken], axis=-1)).astype(np.uint8)
 
 
 def _discs(bodies: Rocks, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -68,19 +59,14 @@ def _discs(bodies: Rocks, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 @inlined
-def surroundings_at(near, half, x, y):
-    """Return the shares of hidden sky, sand and fragments at x, y [m]; 0 outside the map. near: of `surroundings`."""
+def hidden_sky_at(near, half, x, y):
+    """Return the share of hidden sky at x, y [m]; 0 outside the map. near: of `surroundings`."""
     i, j = (x + half) * np.float32(1 / CELL), (y + half) * np.float32(1 / CELL)
     top = np.float32(len(near) - 1)
     if not (i >= 0 and j >= 0 and i < top and j < top):
-        return np.float32(0), np.float32(0), np.float32(0)
+        return np.float32(0)
     left, low = np.int32(i), np.int32(j)
     a, b, c, d = bilinear_weights(i - left, j - low)
-    p, q = near[low, left], near[low, left + 1]
-    r, w = near[low + 1, left], near[low + 1, left + 1]
-    code = np.float32(1 / CODE)
-    return (
-        (a * p[0] + b * q[0] + c * r[0] + d * w[0]) * code,
-        (a * p[1] + b * q[1] + c * r[1] + d * w[1]) * code,
-        (a * p[2] + b * q[2] + c * r[2] + d * w[2]) * code,
-    )
+    p, q = near[low, left, 0], near[low, left + 1, 0]
+    r, w = near[low + 1, left, 0], near[low + 1, left + 1, 0]
+    return (a * p + b * q + c * r + d * w) * np.float32(1 / CODE)

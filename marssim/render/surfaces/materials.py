@@ -24,7 +24,7 @@ STAIN = np.array(
     [0.10, 0.06, 0.035, 0.03, 0.04, 0.06]
 )  # amplitude of each, logarithm of brightness, at a contrast of 1
 PEBBLE_SOIL = 0.85  # share of the soil in the mean brightness of pebbles, which is else that of the rocks
-BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is pavement.ALBEDO
+BED_RED = 0.45  # redness that gives a rock the hue of BED_COLOUR; its brightness is Traits.brightness
 BED_STAINS = 0.7  # contrast of their stains over that of rocks
 BED_SWEPT = 0.3  # by how much less of the tops of slabs and ledges is under dust
 DUST_TONE = 0.25  # logarithm of brightness of the dust on the crests of sand where all ground is rippled

@@ -17,7 +17,7 @@ from marssim.render.geometry.gbuffer import Footprint
 from marssim.render.relief.ground import ground_relief
 from marssim.render.relief.height import cover_at, footprint_at
 from marssim.render.relief.stones.flat import flat_stone
-from marssim.render.relief.surroundings import surroundings_at
+from marssim.render.relief.surroundings import hidden_sky_at
 from marssim.render.surfaces.albedo import GROUND_COLOUR, regolith_at, rock_at
 from marssim.render.surfaces.daylight import daylight, skies, sky_colour
 from marssim.render.surfaces.materials import materials
@@ -120,7 +120,7 @@ def _surface(
         open_sun, hidden = np.float32(1), np.float32(0)
         if surface[m] == GROUND:
             east, north = np.float32(x), np.float32(y)
-            hidden, _, _ = surroundings_at(near_rocks, half, east, north)
+            hidden = hidden_sky_at(near_rocks, half, east, north)
             sand, _, _, gravel, _ = cover_at(data, cover, east, north)
             footprint = footprint_at(left, focal, x, y, z)
             pattern = flat_stone(data, cover, stones, footprint, east, north)

@@ -10,7 +10,7 @@ from marssim.scene.outcrop.config import Traits
 from marssim.scene.outcrop.plates import Plates
 from marssim.scene.outcrop.resting import Ground, camera_distance
 from marssim.scene.outcrop.shedding import Shedding, shed
-from marssim.scene.rocks.mesh import LiftAt, Rocks, ground_plane, least_lift, mesh_population, no_bodies
+from marssim.scene.rocks.mesh import LiftAt, Rocks, mesh_population, no_bodies
 from marssim.scene.rocks.population import RockPopulation, detail_level, draw_burial, mean_burial
 from marssim.scene.rocks.shape_library import VARIANTS
 from marssim.scene.rocks.shapes import FAMILIES
@@ -65,7 +65,4 @@ def draw_fragments(
     )  # fmt: skip
     kept = diameter > LEAST_ANGLE * distance
     drawn = drawn.chosen(np.flatnonzero(kept)[np.argsort(-detail[kept], kind="stable")][:most])
-    ground, slope = ground_plane(drawn.xy, drawn.diameter, height_at)
-    if lift is not None:
-        ground = ground + least_lift(drawn.xy, drawn.diameter, height_at, lift)
-    return mesh_population(drawn, ground, slope)
+    return mesh_population(drawn, height_at, lift)

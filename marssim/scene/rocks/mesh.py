@@ -89,20 +89,21 @@ def build_rocks(
         ValueError: There are more rocks than a dataset can number.
     """
     drawn = draw_population(config, half, horizon, rng, clear)
-    ground, slope = ground_plane(drawn.xy, drawn.diameter, height_at)
-    if lift is not None:
-        ground = ground + least_lift(drawn.xy, drawn.diameter, height_at, lift)
-    return mesh_population(drawn, ground, slope)
+    return mesh_population(drawn, height_at, lift)
 
 
-def mesh_population(drawn: RockPopulation, ground: np.ndarray, slope: np.ndarray) -> Rocks:
-    """Mesh N rocks on the planes of the ground under them.
+def mesh_population(
+    drawn: RockPopulation, height_at: Callable[[np.ndarray, np.ndarray], np.ndarray], lift: LiftAt | None = None
+) -> Rocks:
+    """Mesh rocks on the planes of the ground under them.
 
     Args:
         drawn: The rocks.
-        ground: (N,) heights of the planes at the rocks' places [m].
-        slope: (N, 2) slopes dz/dx, dz/dy of the planes.
+        height_at, lift: See build_rocks.
     """
+    ground, slope = ground_plane(drawn.xy, drawn.diameter, height_at)
+    if lift is not None:
+        ground = ground + least_lift(drawn.xy, drawn.diameter, height_at, lift)
     centre = np.empty((len(drawn.diameter), 3))
     vertices, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     faces, face_rock = [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)]

@@ -28,7 +28,7 @@ def rocks(xy: np.ndarray, diameter: float, height: float) -> Rocks:
             xy=xy, diameter=diameter * every, height=height * every, buried=0.4 * every, level=np.full(n, 2),
             family=np.full(n, 2), variant=np.arange(n), yaw=0 * every, stretch=every, albedo=every,
         ),
-        np.zeros(n), np.zeros((n, 2)),
+        lambda x, y: 0 * x,
     )  # fmt: skip
 
 
