@@ -24,7 +24,7 @@ import tyro
 from m3depth.datasets.config import DataConfig, Split
 from m3depth.datasets.open import open_pairs
 from m3depth.estimator import Estimator, EstimatorName, distinct_labels, load_estimator
-from m3depth.evaluation.bootstrap import interval, resampled_means
+from m3depth.evaluation.bootstrap import mean_interval
 from m3depth.evaluation.without_truth.photometric import residuals
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.pairs import scene_name, spread
@@ -93,12 +93,9 @@ def measure(folder: Path, options: Options, methods: Mapping[str, Estimator]) ->
     of_methods = {}
     for name in rows[0]:
         values = np.array([row[name] for row in rows])
-        finite = np.isfinite(values)
-        if not finite.any():
+        ratio, bounds = mean_interval(values, scenes, within=(0, np.inf))
+        if ratio is None:
             raise ValueError(f"--data {folder}: {name} and SGBM measure no pixel together in any pair")
-        of_values = [scene for scene, known in zip(scenes, finite) if known]
-        ratio = float(values[finite].mean())
-        bounds = interval(resampled_means(values[finite], of_values), ratio, len(set(of_values)), within=(0, np.inf))
         of_methods[name] = {"ratio": ratio, "interval": bounds}
     return {"data": str(folder), "pairs": len(rows), "scenes": len(set(scenes)), "methods": of_methods}
 

@@ -26,7 +26,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from m3depth.datasets.config import DataConfig, Split
 from m3depth.datasets.open import open_pairs
 from m3depth.estimator import EstimatorName, distinct_labels
-from m3depth.evaluation.bootstrap import interval, resampled_means
+from m3depth.evaluation.bootstrap import mean_interval
 from m3depth.evaluation.metrics import pixel_kinds
 from m3depth.figures.drawing import method_styles, save
 from m3depth.kinds.networks import load_network
@@ -142,13 +142,7 @@ def summary(errors_of: np.ndarray, scenes: Sequence[str]) -> dict[str, dict[str,
     """
     means: dict[str, dict[str, Any]] = {}
     for column, name in zip(errors_of.T, KINDS.values(), strict=True):
-        valid = np.isfinite(column)
-        if not valid.any():
-            means[name] = {"epe_px": None, "interval": None}
-            continue
-        of_column = [s for s, v in zip(scenes, valid) if v]
-        mean = float(column[valid].mean())
-        bounds = interval(resampled_means(column[valid], of_column), mean, len(set(of_column)), within=(0, np.inf))
+        mean, bounds = mean_interval(column, scenes, within=(0, np.inf))
         means[name] = {"epe_px": mean, "interval": bounds}
     return means
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.drives.episodes import EpisodeRecord, mean_of_measured
-from m3depth.evaluation.bootstrap import interval, resampled_means, student_over_normal
+from m3depth.evaluation.bootstrap import mean_interval, student_over_normal
 
 # outcomes by ENav's classes of failure, and one class for drives that odometry led to a wrong place
 FAILURES = {
@@ -194,8 +194,7 @@ def spl_interval(values: np.ndarray, courses: Sequence[int], least: float = 0.0)
     Returns:
         Its bounds; None with fewer than FEWEST_CLUSTERS courses.
     """
-    mean = float(values.mean())
-    return interval(resampled_means(values, courses), mean, len(set(courses)), within=(least, 1.0))
+    return mean_interval(values, courses, within=(least, 1.0))[1]
 
 
 def _scores(record: EpisodeRecord) -> tuple[float, float]:

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
-import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import has_depth
 from m3depth.figures.drawing import (
     colour_map,
     depth_scale,
@@ -25,6 +23,7 @@ from m3depth.figures.drawing import (
     show,
 )  # fmt: skip
 from m3depth.figures.pairs import LARGEST_ERROR
+from m3depth.figures.panels import predicted_normal_image, show_disparity_error
 from m3depth.network.model import M3Depth
 from m3depth.stereo.pairs import StereoPairs, pair_name, spread
 from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
@@ -90,14 +89,11 @@ def maps_figure(examples: Sequence[Example], path: Path) -> None:
         for name, (over, middle, under) in zip(names, of_pair[:, 2:].T, strict=True):
             prediction = example.predictions[name]
             show(over, masked_depth(prediction.depth), cmap=depth_map, norm=norm)
-            disparity = np.where(np.isfinite(prediction.disparity), prediction.disparity, 0)  # unknown counts as 0 px
-            error = np.where(scored, np.abs(disparity - truth.disparity), np.nan)
-            show(middle, error, cmap=colour_map("inferno"), norm=errors)
-            note(middle, f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
+            show_disparity_error(middle, prediction.disparity, truth.disparity, scored, errors)
             if prediction.normal is None:
                 under.axis("off")
             else:
-                show(under, normal_image(np.where(has_depth(prediction.depth)[..., None], prediction.normal, 0)))
+                show(under, predicted_normal_image(prediction.normal, prediction.depth))
     for ax, title in zip(axes[0], ["left image", "truth", *names], strict=True):
         ax.set_title(fill(title, TITLE), fontsize=9)
     figure.text(0.36 / width, 0.1 / height, f"depth: bright is near; grey: sky or unknown\n{NORMAL_TITLE}", fontsize=8)

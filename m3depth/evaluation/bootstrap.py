@@ -64,6 +64,27 @@ def interval(
     return [float(low), float(high)]
 
 
+def mean_interval(
+    values: np.ndarray, clusters: Sequence[Hashable], within: tuple[float, float] = (-np.inf, np.inf)
+) -> tuple[float | None, list[float] | None]:
+    """Return the mean of the values that are finite, and its 95 % interval by the bootstrap over clusters.
+
+    Args:
+        values: (N,) one of each image or drive.
+        clusters: (N,) what each of them belongs to; see resampled_means.
+        within: Least and greatest value that the mean can have.
+
+    Returns:
+        None for both if no value is finite; None for the interval with fewer than FEWEST_CLUSTERS clusters.
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return None, None
+    chosen, of_chosen = values[finite], [cluster for cluster, is_finite in zip(clusters, finite) if is_finite]
+    mean = float(chosen.mean())
+    return mean, interval(resampled_means(chosen, of_chosen), mean, len(set(of_chosen)), within)
+
+
 def student_interval(values: np.ndarray) -> list[float] | None:
     """Return Student's 95 % interval of the mean of values (n,); None for fewer than two, or if one is not finite."""
     if len(values) < 2 or not np.isfinite(values).all():

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import angle_between, capped_depth, has_depth
+from m3depth.evaluation.metrics import angle_between, capped_depth
 from m3depth.figures.drawing import (
     UNSCORED,
     colour_map,
@@ -25,6 +25,7 @@ from m3depth.figures.drawing import (
     save,
     show,
 )
+from m3depth.figures.panels import predicted_normal_image
 from marssim.base.command.wording import counted
 from marssim.base.images.colours import DEPTH_MAP, NORMAL_TITLE
 
@@ -112,8 +113,7 @@ def _draw_normals(axes: Sequence[Axes], example: Example, name: str) -> None:
     oriented = scored & (np.linalg.norm(truth.normal, axis=-1) > 0.5)
     angle = np.zeros(scored.shape)
     angle[oriented] = angle_between(prediction.normal[oriented], truth.normal[oriented])
-    valid = has_depth(prediction.depth)[..., None]  # normals mean nothing in the sky
-    show(axes[0], normal_image(np.where(valid, prediction.normal, np.float32(0))))
+    show(axes[0], predicted_normal_image(prediction.normal, prediction.depth))
     show(axes[1], np.ma.masked_array(angle, ~oriented), cmap=colour_map(ANGLE_MAP), norm=Normalize(0, ANGLE_LIMIT))
     note(axes[0], "normals")
     note(axes[1], "angle error" + (f": mean {angle[oriented].mean():.1f}°" if oriented.any() else ""))

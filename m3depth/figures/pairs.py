@@ -10,8 +10,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from m3depth.evaluation.example import Example
-from m3depth.evaluation.metrics import has_depth
 from m3depth.figures.drawing import colour_map, label_bar, normal_image, note, panel_aspect, save, show
+from m3depth.figures.panels import predicted_normal_image, show_disparity_error
 from marssim.base.images.colours import DISPARITY_MAP, NORMAL_TITLE
 
 PANEL = 1.7  # [in] width of one image
@@ -52,21 +52,18 @@ def pairs_figure(examples: Sequence[Example], path: Path) -> np.ndarray:
     for row, example, prediction in zip(axes, examples, methods, strict=True):
         truth = example.truth
         scored = example.scored
-        disparity = np.where(np.isfinite(prediction.disparity), prediction.disparity, 0)  # unknown counts as 0 px
-        error = np.where(scored, np.abs(disparity - truth.disparity), np.nan)
         norm = Normalize(*np.percentile(truth.disparity[scored], [1, 99])) if scored.any() else Normalize(0, 1)
         show(row[0], example.left)
         row[0].set_ylabel(example.title, fontsize=10)
         for ax, disparity in ((row[1], truth.disparity), (row[2], prediction.disparity)):
             show(ax, np.where(disparity > 0, disparity, np.nan), cmap=colour_map(DISPARITY_MAP), norm=norm)
         note(row[1], scale_text(norm, truth.rig.fb))
-        error_image = show(row[3], error, cmap=colour_map("inferno"), norm=errors)
-        note(row[3], f"{np.nanmean(error):.2f} px" if np.isfinite(error).any() else "nothing known")
+        error_image = show_disparity_error(row[3], prediction.disparity, truth.disparity, scored, errors)
         share_image = show(row[4], prediction.confidence, cmap=colour_map("cividis"), norm=shares)
         if has_normals:
             show(row[5], normal_image(truth.normal))
         if prediction.normal is not None:
-            show(row[6], normal_image(np.where(has_depth(prediction.depth)[..., None], prediction.normal, 0)))
+            show(row[6], predicted_normal_image(prediction.normal, prediction.depth))
     for ax, name in zip(axes[0], columns, strict=True):
         ax.set_title(name, fontsize=10)
     figure.text(0.36 / width, 0.46 / height, legend, fontsize=8, va="top")

@@ -4,7 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, norm, t
 
-from m3depth.evaluation.bootstrap import interval, resampled_means, student_interval, student_over_normal
+from m3depth.evaluation.bootstrap import (
+    interval,
+    mean_interval,
+    resampled_means,
+    student_interval,
+    student_over_normal,
+)
 
 
 @given(st.integers(0, 99))
@@ -67,3 +73,16 @@ def test_students_interval_and_quantile_are_scipys() -> None:
     assert student_interval(values) == pytest.approx(theirs)
     assert student_interval(values[:1]) is None and student_interval(np.array([1.0, np.inf])) is None
     assert student_over_normal(20) == pytest.approx(t.ppf(0.975, 19) / norm.ppf(0.975))
+
+
+def test_the_mean_of_finite_values_has_an_interval_over_their_clusters() -> None:
+    values = np.random.default_rng(3).lognormal(size=12)
+    clusters = [i // 2 for i in range(12)]
+    mean, bounds = mean_interval(values, clusters, within=(0, np.inf))
+    expected = interval(resampled_means(values, clusters), mean, 6, (0, np.inf))
+    assert mean == pytest.approx(values.mean()) and bounds == expected
+    holes = np.insert(values, [0, 5], [np.nan, np.inf])
+    assert mean_interval(holes, [9, *clusters[:5], 9, *clusters[5:]], (0, np.inf)) == (mean, bounds)
+    assert mean_interval(np.array([np.nan]), ["a"]) == (None, None)
+    assert mean_interval(values[:6], clusters[:6]) == (pytest.approx(values[:6].mean()), None)
+    assert mean_interval(np.array([0.9] * 7 + [2.0]), range(8), within=(0, 1.1))[1][1] == 1.1

@@ -321,7 +321,7 @@ def test_figures_show_the_errors_of_the_pixels_that_are_scored(plane_samples, tm
     one = example(sample)
     assert 0 < replace(one, max_disparity=limit).scored.sum() < one.scored.sum()
     notes = []
-    monkeypatch.setattr("m3depth.figures.pairs.note", lambda ax, text: notes.append(text))
+    monkeypatch.setattr("m3depth.figures.panels.note", lambda ax, text: notes.append(text))
     nothing = np.full(sample.depth.shape, np.nan, np.float32)
     silent = {"silent": Prediction(nothing, nothing, None, np.zeros_like(nothing))}
     for shown in (one, replace(one, max_disparity=limit)):
