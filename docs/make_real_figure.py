@@ -33,6 +33,7 @@ from m3depth.rectify import main as rectify
 from marssim.base.calibration.rectified import read_calibration
 from marssim.base.camera import MAX_DEPTH
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import STARTS_OVER
 from marssim.base.files.atomic import write_atomically
 from marssim.base.images.colours import NEAR, depth_colours, normal_colours
 from nav.map import main as nav_map
@@ -146,7 +147,7 @@ def _write(file: Path, picture: np.ndarray, quality: int) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command, and return its exit code."""
-    return run_command(work, Options, "python docs/make_real_figure.py", __doc__, args)
+    return run_command(work, Options, "python docs/make_real_figure.py", __doc__, args, STARTS_OVER)
 
 
 if __name__ == "__main__":

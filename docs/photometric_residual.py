@@ -31,6 +31,7 @@ from m3depth.stereo.pairs import scene_name, spread
 from m3depth.stereo.rows import align_rows
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import STARTS_OVER
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
 
@@ -127,7 +128,7 @@ def work(options: Options) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command, and return its exit code."""
-    return run_command(work, Options, "python docs/photometric_residual.py", __doc__, args)
+    return run_command(work, Options, "python docs/photometric_residual.py", __doc__, args, STARTS_OVER)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ from m3depth.training.samples import JoinedPairs
 from m3depth.weights import weights_file
 from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
-from marssim.base.command.wording import counted
+from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
 
@@ -202,7 +202,7 @@ def work(options: Options) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command, and return its exit code."""
-    return run_command(work, Options, "python docs/refinement_steps.py", __doc__, args)
+    return run_command(work, Options, "python docs/refinement_steps.py", __doc__, args, STARTS_OVER)
 
 
 if __name__ == "__main__":

@@ -151,8 +151,9 @@ def training(run: Path) -> dict[str, Any]:
     """Return the steps, the minutes, the starts and the errors at the validations of a run.
 
     Where other programs kept the processor busy, the minutes of the processor, which the log counts from each start on,
-    compare runs better than those of the clock. The log counts those of one process; where torchrun started several,
-    each has as much to do. A run has the same number of them at each start, and old logs of one process lack it.
+    compare runs better than those of the clock. The log counts those of the first process; where torchrun started
+    several, they are taken that many times, though the others do not validate. A run has as many at each start; older
+    logs lack their number.
 
     Raises:
         DatasetError: It is no folder of a run, or a line of its log is malformed.

@@ -18,6 +18,7 @@ import numpy as np
 from m3depth.evaluation.metrics import capped_depth, pixel_kinds
 from m3depth.network.model import M3Depth
 from marssim.base.command.run import run_command
+from marssim.base.command.wording import STARTS_OVER
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.files.json_file import DatasetError, write_json
@@ -73,7 +74,7 @@ def work(options: Options) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    return run_command(work, Options, "python docs/scoring/rover_in_view.py", __doc__, args)
+    return run_command(work, Options, "python docs/scoring/rover_in_view.py", __doc__, args, STARTS_OVER)
 
 
 if __name__ == "__main__":

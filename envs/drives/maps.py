@@ -48,8 +48,8 @@ def plot_maps(folder: Path, records: Sequence[EpisodeRecord]) -> None:
     Each course is turned so that its start lies to the left of its goal, both on the middle line. The goal is a star in
     the circle within which it counts as reached; rocks that block are grey discs. The colour and the mark at the end
     show the outcome, the line style who drove: LINES in the order of the records. The rover's footprint is drawn where
-    it started and where each drive ended. A pale band is the shortest passable path; contours are
-    relief, dark ones low.
+    it started and where each drive ended. A pale band is the shortest passable path; contours are relief, dark ones
+    low.
     """
     folder.mkdir(parents=True, exist_ok=True)
     groups = list(dict.fromkeys((r.driver, r.perception) for r in records))

@@ -15,17 +15,22 @@ function motionName(candidates, n) {
   return Math.abs(curvature) < 0.05 ? "straight on" : `arc ${side(curvature)}, ${(1 / Math.abs(curvature)).toFixed(1)} m`;
 }
 
-const rowsOf = (body) => [...body.querySelectorAll("tr.row")];
-
 // A panel with the table: update(step) fills it; emphasise(n) is called with the candidate under the mouse or in focus, or null.
 function costsPanel(emphasise) {
   const body = make("div", { class: "costs" });
+  let focused = null; // the rank of the row in focus, also while no motions are compared
+  let replacing = false;
+  const replace = (...content) => {
+    replacing = true;
+    body.replaceChildren(...content);
+    replacing = false;
+  };
   const panel = make("div", { class: "panel last" }, make("h2", {}, "why this motion: costs in metres of easy ground"), body);
 
   function update(step) {
     const { candidates, chosen } = step;
     if (!candidates) {
-      body.replaceChildren(make("p", { class: "note" }, "No motions were compared at this step."));
+      replace(make("p", { class: "note" }, "No motions were compared at this step."));
       return;
     }
     const free = candidates.cost.map((cost, n) => n).filter((n) => candidates.cost[n] !== null)
@@ -33,7 +38,7 @@ function costsPanel(emphasise) {
     const closed = candidates.cost.length - free.length;
     const shut = `${closed} of ${candidates.cost.length} motions are not free far enough`;
     if (!free.length) {
-      body.replaceChildren(make("p", { class: "note" }, `${shut}: nothing could be chosen.`));
+      replace(make("p", { class: "note" }, `${shut}: nothing could be chosen.`));
       return;
     }
     const first = chosen ?? free[0];
@@ -42,10 +47,10 @@ function costsPanel(emphasise) {
     const head = make("tr", {}, make("th", {}, "motion"), make("th", { title: "how far it is free" }, "free"),
       ...names.map((name) => make("th", { title: PARTS[name] }, name)), make("th", {}, "cost"), make("th", {}, "more than chosen"));
     const table = make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows.map((n) => row(candidates, n, first, names))));
-    const focused = rowsOf(body).indexOf(document.activeElement);
-    body.replaceChildren(table, make("p", { class: "note" },
+    replace(table, make("p", { class: "note" },
       `${shut}. Red: the part that speaks most against a motion. Point at a row, or move to it by the Tab key, to see it on the map.`));
-    if (focused >= 0) rowsOf(body)[Math.min(focused, rows.length - 1)].focus({ preventScroll: true }); // the row of the same rank
+    const elsewhere = document.activeElement && document.activeElement !== document.body;
+    if (focused !== null && !elsewhere) body.querySelectorAll("tr.row")[Math.min(focused, rows.length - 1)].focus({ preventScroll: true });
   }
 
   function row(candidates, n, first, names) {
@@ -55,8 +60,10 @@ function costsPanel(emphasise) {
     const cost = candidates.cost[n], least = candidates.cost[first]; // null only in records that read_drive refuses
     const against = worst >= 0 && worse[worst] > 0 ? ` (${names[worst]} +${worse[worst].toFixed(2)})` : "";
     const shown = () => emphasise(n), hidden = () => emphasise(null);
+    const entered = (event) => { focused = [...body.querySelectorAll("tr.row")].indexOf(event.currentTarget); shown(); };
+    const left = () => { if (!replacing) focused = null; hidden(); };
     return make("tr", {
-      class: n === first ? "row chosen" : "row", tabindex: 0, onmouseenter: shown, onmouseleave: hidden, onfocus: shown, onblur: hidden,
+      class: n === first ? "row chosen" : "row", tabindex: 0, onmouseenter: shown, onmouseleave: hidden, onfocus: entered, onblur: left,
     },
       make("td", {}, motionName(candidates, n)), make("td", {}, `${candidates.free[n].toFixed(1)} m`), ...cells,
       make("td", {}, cost === null ? "-" : cost.toFixed(2)),

@@ -35,7 +35,7 @@ function driveColumn(drive) {
   const depth = layerFigure("depth", "depth", bar("depth", [37, 73, 122, 158, 180], ["1 m", "2", "5", "10", "15 m"]));
   const confidence = layerFigure("confidence", "confidence", bar("confidence", [0, 64, 128, 191, 255], ["0", "0.5", "1"]));
   const error = layerFigure("error", "error of the depth", bar("error", [118, 123, 128, 133, 138], ["-10 % nearer", "0", "+10 % farther"]), depth);
-  const scored = drive.pictures.error.some((uri) => uri);
+  const scored = drive.pictures.error.some((picture) => picture);
   const map = mapPanel(drive);
   const costs = costsPanel(map.emphasise);
   const when = make("h2"), reason = make("p", { class: "reason" }), facts = make("div", { class: "facts" });
@@ -142,8 +142,8 @@ function show() {
   columns.forEach((column) => column.update(stepAt(column.drive, position)));
   columns.forEach((column) => drawStrip(column.strip, column.drive));
   byId("position").value = index;
-  const told = (drive, n) => `${moment(drive, n)}: ${statusOf(drive.steps[n])[1]}`;
-  byId("position").setAttribute("aria-valuetext", columns.map(({ drive }) => told(drive, stepAt(drive, position))).join("; "));
+  const inWords = (drive, n) => `${moment(drive, n)}: ${statusOf(drive.steps[n])[1]}`;
+  byId("position").setAttribute("aria-valuetext", columns.map(({ drive }) => inWords(drive, stepAt(drive, position))).join("; "));
   byId("now").textContent = by === "time" ? `${position.toFixed(0)} s` : `${position.toFixed(1)} m driven`;
   if (columns.length === 1) byId("now").textContent = moment(columns[0].drive, stepAt(columns[0].drive, position));
 }
@@ -232,8 +232,12 @@ byId("other").addEventListener("change", async (event) => {
   const [file] = event.target.files, before = columns.length;
   if (!file) return; // the choice was cancelled
   try {
-    const data = new DOMParser().parseFromString(await file.text(), "text/html").getElementById("data");
-    addDrive(JSON.parse(data.textContent).drives[0]);
+    const data = JSON.parse(new DOMParser().parseFromString(await file.text(), "text/html").getElementById("data").textContent);
+    if (data.format !== DATA.format) {
+      alert("This page is of another version. Run envs.report on the folders of both drives.");
+      return;
+    }
+    addDrive(data.drives[0]);
     layOut();
     moveTo(Math.min(index, stops.length - 1));
   } catch {
@@ -241,8 +245,9 @@ byId("other").addEventListener("change", async (event) => {
     layOut();
     moveTo(Math.min(index, stops.length - 1));
     alert("This file is no page of a recorded drive.");
+  } finally {
+    event.target.value = ""; // so that the same file can be chosen again, once it is mended
   }
-  event.target.value = ""; // so that the same file can be chosen again, once it is mended
 });
 
 DATA.drives.forEach(addDrive);

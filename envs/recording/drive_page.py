@@ -29,6 +29,7 @@ from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.images.colours import depth_colours
 
 DRIVES = "drives"  # folder of an evaluation with the files of its drives and their pages
+FORMAT = 2  # of the data of a page, which one page reads of another
 NEAR, FAR = 0.5, 60.0  # [m] depths of the codes 1 and 254 of a page
 SCRIPTS = ("pictures.js", "steps.js", "map.js", "costs.js", "drive.js")
 SHOWN = tuple(layer for layer in LAYERS if layer != "height")  # the map of a page is flat
@@ -80,8 +81,8 @@ def drive_page(drives: Sequence[DriveFile]) -> bytes:
         DatasetError: A picture of a drive is broken.
     """
     data = {
-        "drives": [_shown(drive) for drive in drives], "colours": _colours(), "goalRadius": GOAL_RADIUS,
-        "goalAstray": GOAL_ASTRAY, "depthRange": [NEAR, FAR], "outcomes": [*OUTCOME_COLOURS],
+        "format": FORMAT, "drives": [_shown(drive) for drive in drives], "colours": _colours(),
+        "goalRadius": GOAL_RADIUS, "goalAstray": GOAL_ASTRAY, "depthRange": [NEAR, FAR], "outcomes": [*OUTCOME_COLOURS],
     }  # fmt: skip
     return _filled("drive.html", title=" beside ".join(_name(drive) for drive in drives), data=data)
 

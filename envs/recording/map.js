@@ -161,12 +161,12 @@ function mapPanel(drive) {
   }
 
   function redraw() {
-    const from = mapStep(drive, current), uri = drive.pictures.map[from];
-    wanted = uri;
+    const from = mapStep(drive, current), picture = drive.pictures.map[from];
+    wanted = picture;
     if (from < 0) note.textContent = keepsMap ? "no map yet" : "this driver keeps no map";
     else note.textContent = from === current ? "" : `No map at this step: it is that of step ${from}.`;
-    if (!uri) draw(null);
-    else codesOf(uri).then((ground) => { if (wanted === uri) draw(ground, drive.steps[from].map); });
+    if (!picture) draw(null);
+    else codesOf(picture).then((ground) => { if (wanted === picture) draw(ground, drive.steps[from].map); });
   }
 
   truth.addEventListener("change", redraw);

@@ -77,12 +77,14 @@ const STRIDE = 1 / 64; // of the picture's side, of a move
 function layerFigure(layer, title, scale, beside = null) {
   const canvas = make("canvas", { "data-layer": layer, role: "img", "aria-label": `${title}; arrow keys read its values`, tabindex: 0 });
   const cross = make("i", { class: "cross", hidden: "" });
-  const reading = make("span", { "aria-live": "polite" });
+  const reading = make("span", { class: "reading" });
   const caption = make("figcaption", {}, make("span", {}, title), reading);
   let shown = null;
   let wanted = null;
-  let point = null; // [x, y] that is read, 0 to 1 each
+  let mouse = null, keys = null; // the points [x, y] under the mouse and of the arrow keys, 0 to 1 each
+  const listeners = [];
   const read = () => {
+    const point = mouse ?? keys;
     const at = point && readingAt(point), other = point && beside ? beside.readingAt(point) : "";
     reading.textContent = (at ?? "") + (at && other ? ` (${other})` : "");
   };
@@ -91,41 +93,48 @@ function layerFigure(layer, title, scale, beside = null) {
     const column = Math.min(shown.width - 1, Math.floor(x * shown.width));
     return READ[layer](shown.codes[Math.min(shown.height - 1, Math.floor(y * shown.height)) * shown.width + column]);
   };
-  const readAt = (place, byKey) => {
-    point = place;
-    cross.hidden = !(place && byKey);
-    if (place) [cross.style.left, cross.style.top] = place.map((share) => `${100 * share}%`);
+  const readByKeys = (point) => {
+    keys = point;
+    cross.hidden = !point;
+    if (point) {
+      [cross.style.left, cross.style.top] = point.map((share) => `${100 * share}%`);
+      reading.setAttribute("aria-live", "polite"); // what the mouse reads is not announced
+    } else reading.removeAttribute("aria-live");
     read();
   };
+  canvas.addEventListener("mousedown", (event) => event.preventDefault()); // a click leaves the keys to the time line
   canvas.addEventListener("mousemove", (event) => {
-    readAt([event.offsetX / canvas.clientWidth, event.offsetY / canvas.clientHeight].map(inside), false);
+    mouse = [event.offsetX / canvas.clientWidth, event.offsetY / canvas.clientHeight].map(inside);
+    read();
   });
-  canvas.addEventListener("mouseleave", () => readAt(null));
-  canvas.addEventListener("focus", () => { if (canvas.matches(":focus-visible")) readAt(point ?? [0.5, 0.5], true); });
-  canvas.addEventListener("blur", () => readAt(null));
+  canvas.addEventListener("mouseleave", () => { mouse = null; read(); });
+  canvas.addEventListener("focus", () => readByKeys([0.5, 0.5]));
+  canvas.addEventListener("blur", () => readByKeys(null));
   canvas.addEventListener("keydown", (event) => {
     const move = MOVES[event.key];
     if (!move || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     event.stopPropagation(); // the time line stays where it is
-    readAt((point ?? [0.5, 0.5]).map((share, axis) => inside(share + STRIDE * move[axis])), true);
+    readByKeys(keys.map((share, axis) => inside(share + STRIDE * move[axis])));
   });
+  if (beside) beside.listeners.push(read); // its picture may be decoded later
   const figure = make("figure", {}, caption, make("div", { class: "picture" }, canvas, cross), scale);
+  const changed = () => [read, ...listeners].forEach((each) => each());
   return {
-    figure, readingAt,
+    figure, readingAt, listeners,
     update(picture) {
       wanted = picture;
       if (!picture) {
         shown = null;
         canvas.width = canvas.height = 1;
-        read();
+        changed();
         return;
       }
       codesOf(picture).then((codes) => {
         if (wanted !== picture) return; // the time line has moved on
         shown = codes;
         paint(canvas, codes, TABLES[layer]);
-        read();
+        changed();
       });
     },
   };

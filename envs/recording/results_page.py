@@ -10,7 +10,7 @@ from typing import Any
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
 from envs.drives.metrics import best_and_worst, count_failures, spl, summarise
 from envs.drives.report import UNKNOWN_CAUSE, difference_in_words, settings
-from envs.recording.drive_page import asset, drive_path
+from envs.recording.drive_page import DRIVES, asset, drive_path
 from envs.recording.page_colours import colour_rules, outcome_style
 from envs.world.referee import GOAL_RADIUS
 from marssim.base.files.atomic import write_atomically
@@ -88,7 +88,7 @@ def write_results_page(
 {_failures(records, pages)}
 {"".join(sections)}
 <p class="note">{escape(LEGEND)}</p>
-<p>{_files(out, ends)} {"" if pages else _why_no_pages(content["config"]["record"], records)}</p>
+<p>{_files(out, ends)} {"" if pages else _why_no_pages(out, content["config"]["record"], records)}</p>
 </main>
 </body>
 </html>
@@ -96,11 +96,13 @@ def write_results_page(
     write_atomically(out / RESULTS, text.encode(errors="backslashreplace"))  # file names may be no UTF-8
 
 
-def _why_no_pages(record: str, records: Sequence[EpisodeRecord]) -> str:
-    """Return why no drive has a page, as far as --record tells; "" if there are no drives."""
+def _why_no_pages(out: Path, record: str, records: Sequence[EpisodeRecord]) -> str:
+    """Return why no drive has a page, as far as the folder and --record tell; "" if they do not."""
+    if any((out / DRIVES).glob("*.zip")):  # also of joined results, whose shards have --record
+        return BROKEN
     if record == "none" or (record == "failures" and all(r.outcome == "goal" for r in records)):
         return HOW_TO_RECORD[record]
-    return BROKEN if records else ""
+    return ""
 
 
 def _together(cells: Sequence[str], content: Mapping[str, Any], records: Sequence[EpisodeRecord]) -> str:

@@ -252,8 +252,11 @@ def _train(run: PlannedRun, options: AblateOptions, samples: Any) -> None:
     try:
         train(run.config, samples, [])
     except MemoryError as error:
-        reason = str(error).rpartition("; ")[2]
-        raise MemoryError(f"take fewer or smaller crops with --batch or --crop, or add --recompute; {reason}") from None
+        _, separator, reason = str(error).partition("; ")
+        if not separator:  # not of a step
+            raise
+        more = "" if options.recompute else ", or add --recompute"
+        raise MemoryError(f"take fewer or smaller crops with --batch or --crop{more}; {reason}") from None
     except FloatingPointError as error:
         message = f"{run.folder.name}: {str(error).removesuffix(LOWER_RATE)}; it stays out of the tables"
         print(message, file=sys.stderr, flush=True)

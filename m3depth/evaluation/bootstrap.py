@@ -65,7 +65,7 @@ def interval(
 
 
 def mean_interval(
-    values: np.ndarray, clusters: Sequence[Hashable], within: tuple[float, float] = (-np.inf, np.inf)
+    values: np.ndarray, clusters: Sequence[Hashable], within: tuple[float, float]
 ) -> tuple[float | None, list[float] | None]:
     """Return the mean of the values that are finite, and its 95 % interval by the bootstrap over clusters.
 

@@ -23,11 +23,11 @@ def show_disparity_error(
     """Show the error of disparity, with its mean over the pixels that are scored.
 
     Args:
-        ax: Where.
+        ax: Axes to draw in.
         disparity: (H, W) of the prediction [px]; unknown counts as 0 px.
         truth: (H, W) of the truth [px].
         scored: (H, W) bool.
-        scale: Of the colours.
+        scale: Range of the colours of errors [px].
 
     Returns:
         imshow's result.

@@ -32,7 +32,7 @@ class LossConfig:
     """
     relative: float = 4.0
     """Added weight of small disparities, 0 to 1000, which are far away: an error at a true disparity of d px, at least
-    1, counts 1 + this / d times. With 4, an error at 4 px counts twice. It is not of --loss.depth."""
+    1, counts 1 + this / d times. With 4, an error at 4 px counts twice. With --loss.depth, it has no effect."""
     decay: float = 0.8
     """Weight of the maps of the last refinement step, 0 to 2; the weight of each earlier step is this times that of
     the step after it. With 0.8, the weights are 0.8, 0.64 and so on."""
@@ -48,7 +48,7 @@ class LossConfig:
     """Factor, 0 to 1000, of the weight of pixels that show the rover itself, which is near, smooth and periodic."""
     sky_disparity: float = 0.02
     """Weight of the disparity of sky pixels, 0 to 1000, whose target is 0. It is small, because --loss.sky trains the
-    output that says where sky is. It is not of --loss.depth, whose error is of pixels with depth alone.
+    output that says where sky is. With --loss.depth, it has no effect.
     """
     confidence: float = 0.2
     """Weight, 0 to 1000, of the cross-entropy of the decision "within 1 px"."""

@@ -131,6 +131,7 @@ def test_a_folder_of_other_settings_is_refused(finished, capsys):
         (["--perception", "json:Nothing"], "Nothing"), (["--driver", "magic"], "--driver"),
         (["--film-courses", "10"], "--film-courses"), (["--bag-courses", "10"], "--bag-courses must lie in [0, 9]"),
         (["--shard", "2/4", "--film-courses", "0"], "--film-courses 0: --shard 2/4 drives no course of this number"),
+        (["--shard", "2/4", "--bag-courses", "2"], "--bag-courses 2: --shard 2/4 drives no course of this number"),
         (["--episodes", "0"], "--episodes"), (["--workers", "0"], "--workers"), (["--seed", "-1"], "--seed"),
         (["--k", "0.9"], "k must"), (["--k", "0.1", "0.1"], "--k"), (["--slope-deg", "-4"], "slope"),
         (["--goal-distance", "1"], "distance must"), (["--goal-distance", "nan"], "distance must"),

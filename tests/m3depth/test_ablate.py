@@ -216,6 +216,12 @@ def test_too_little_memory_names_the_flags_of_this_command(plane_set, tmp_path, 
     assert main(flags(plane_set, tmp_path / "ablation", "--steps", "1", "--studies", "components")) == 2
     advice = "take fewer or smaller crops with --batch or --crop, or add --recompute; CUDA out of memory"
     assert advice in capsys.readouterr().err
+    again = ("--steps", "1", "--studies", "components", "--recompute")
+    assert main(flags(plane_set, tmp_path / "again", *again)) == 2
+    assert "with --batch or --crop; CUDA out of memory" in capsys.readouterr().err
+    monkeypatch.setattr(ablation, "train", lambda *_: (_ for _ in ()).throw(MemoryError()))
+    assert main(flags(plane_set, tmp_path / "third", *again)) == 2
+    assert capsys.readouterr().err.endswith("error: out of memory\n")
 
 
 @pytest.mark.parametrize(

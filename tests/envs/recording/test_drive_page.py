@@ -288,7 +288,7 @@ def two_depths(tmp_path):
         halves = np.where(np.arange(8) < 4, depth, np.nan) * np.ones((8, 1))
         pictures[picture_name("depth", n)] = encode_png(depth_codes(halves))
     motions = candidates((0.2, 0, 4, 9), (0.5, 0.1, 3, 10))
-    steps = [step(x=4.0 * n, looked=True, candidates=motions, chosen=n) for n in (0, 1)]
+    steps = [step(x=4.0 * n, looked=True, candidates=motions, chosen=n) for n in (0, 1)] + [step(x=8.0)]
     page = tmp_path / "depths.html"
     page.write_bytes(drive_page([drive_of(tmp_path / "depths.zip", steps, pictures, outcome="time")]))
     return page
@@ -301,45 +301,54 @@ def test_the_value_that_is_read_is_that_of_the_step_shown(browser, tmp_path):
 
     browser.get(two_depths(tmp_path).as_uri())
     canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-layer=depth]")
-    reading = browser.find_element(By.CSS_SELECTOR, "figcaption span[aria-live]")
+    reading = browser.find_element(By.CSS_SELECTOR, "figcaption .reading")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
-    ActionChains(browser).move_to_element_with_offset(canvas, -canvas.size["width"] // 4, 0).perform()
+    ActionChains(browser).move_to_element_with_offset(canvas, -canvas.size["width"] // 4, 0).click().perform()
     time.sleep(0.2)
     read = [reading.text]
-    browser.find_element(By.TAG_NAME, "body").send_keys(Keys.ARROW_RIGHT)
+    ActionChains(browser).send_keys(Keys.ARROW_RIGHT).perform()  # a click on the picture leaves them to the time line
     time.sleep(0.2)
+    assert browser.execute_script("return index") == 1
     read.append(reading.text)
     browser.execute_script("columns[0].drive.pictures.depth[1] = null; moveTo(1)")
     assert [*read, reading.text] == ["2.0 m", "20.0 m", ""]
 
 
 def test_values_are_read_by_keyboard_too(browser, tmp_path):
+    from selenium.webdriver import ActionChains
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
 
     browser.get(two_depths(tmp_path).as_uri())
     canvas = browser.find_element(By.CSS_SELECTOR, "canvas[data-layer=depth]")
-    reading = browser.find_element(By.CSS_SELECTOR, "figcaption span[aria-live]")
+    reading = browser.find_element(By.CSS_SELECTOR, "figcaption .reading")
     cross = browser.find_element(By.CSS_SELECTOR, ".cross")
     assert not cross.is_displayed()
     canvas.send_keys(Keys.ARROW_LEFT)
     assert reading.text == "2.0 m" and cross.is_displayed()
     canvas.send_keys(*[Keys.ARROW_RIGHT] * 3, Keys.ARROW_UP)
     assert reading.text == "unknown" and browser.execute_script("return index") == 0
+    ActionChains(browser).move_to_element_with_offset(canvas, -canvas.size["width"] // 4, 0).perform()
+    assert reading.text == "2.0 m"
+    ActionChains(browser).move_to_element(browser.find_element(By.ID, "now")).perform()
+    assert reading.text == "unknown" and reading.get_attribute("aria-live") == "polite"  # the point of the keys stays
     browser.execute_script("document.activeElement.blur()")
     assert reading.text == "" and not cross.is_displayed()
 
 
 def test_the_row_in_focus_stays_so_at_the_next_step(browser, tmp_path):
-    from selenium.webdriver.common.by import By
+    from selenium.webdriver import ActionChains
     from selenium.webdriver.common.keys import Keys
 
     browser.get(two_depths(tmp_path).as_uri())
     browser.execute_script("document.querySelectorAll('tr.row')[1].focus()")
     focused = "return [...document.querySelectorAll('tr.row')].indexOf(document.activeElement)"
-    browser.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
-    assert browser.execute_script("return index") == 1 and browser.execute_script(focused) == 1
-    assert "more than chosen" in browser.find_element(By.CSS_SELECTOR, "thead").text
+    for key, index, row in ((Keys.ARROW_RIGHT, 1, 1), (Keys.ARROW_RIGHT, 2, -1), (Keys.ARROW_LEFT, 1, 1)):
+        ActionChains(browser).send_keys(key).perform()  # no motions are compared at the last step
+        assert browser.execute_script("return index") == index and browser.execute_script(focused) == row
+    browser.execute_script("document.activeElement.blur()")
+    ActionChains(browser).send_keys(Keys.ARROW_LEFT).perform()
+    assert browser.execute_script("return index") == 0 and browser.execute_script(focused) == -1
 
 
 def test_a_browser_that_falsifies_pixels_shows_the_codes_of_the_record(browser, tmp_path):
@@ -398,6 +407,22 @@ def test_a_page_that_was_refused_can_be_chosen_again_once_it_is_mended(browser, 
     browser.execute_script("document.getElementById('other').dispatchEvent(new Event('change'))")  # it was cancelled
     time.sleep(0.2)
     assert browser.get_log("browser") == []
+
+
+def test_a_page_of_another_version_is_refused(browser, tmp_path):
+    from selenium.webdriver.common.by import By
+
+    page = two_depths(tmp_path)
+    old = tmp_path / "old.html"
+    old.write_text(page.read_text(encoding="utf-8").replace('"format": 2', '"format": 1', 1), "utf-8")
+    assert old.read_bytes() != page.read_bytes()
+    browser.get(page.as_uri())
+    browser.find_element(By.ID, "other").send_keys(str(old))
+    time.sleep(0.5)
+    alert = browser.switch_to.alert
+    assert "of another version. Run envs.report" in alert.text
+    alert.accept()
+    assert len(browser.find_elements(By.TAG_NAME, "article")) == 1
 
 
 def test_the_map_shows_where_the_odometry_takes_the_goal_to_be(browser, tmp_path):

@@ -119,12 +119,18 @@ def test_a_broken_drive_is_a_warning_and_has_no_page(recorded, tmp_path, capsys)
     assert "inspect" not in page.text and "no pages, since their files are broken. Run envs.report" in page.text
 
 
-@pytest.mark.parametrize(("outcome", "says"), [("goal", "No drive failed"), ("stuck", "their files are broken")])
-def test_a_failure_without_a_page_is_no_sign_of_success(recorded, tmp_path, outcome, says):
+@pytest.mark.parametrize("record", ["none", "failures"])
+def test_a_broken_drive_is_no_sign_of_success(recorded, tmp_path, record):
+    """Joined results have "none", whatever their shards have."""
     config, content = recorded
-    content = {**content, "config": {**content["config"], "record": "failures"}}
-    text = records_page((config, content), tmp_path, {"outcome": outcome}).text
-    assert says in text and ("failures" in text) == (outcome != "goal")
+    content = {**content, "config": {**content["config"], "record": record}}
+    text = records_page((config, content), tmp_path, {"outcome": "goal"}).text
+    assert ("No drive failed" in text, "No drive is recorded" in text) == (record == "failures", record == "none")
+    assert "No drive failed" not in records_page((config, content), tmp_path, {"outcome": "stuck"}).text
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives/a.zip").write_bytes(b"half a drive")
+    text = records_page((config, content), tmp_path, {"outcome": "stuck"}).text
+    assert "their files are broken" in text and "No drive" not in text
 
 
 def test_a_folder_whose_name_is_no_utf8_has_a_page_too(recorded, tmp_path):

@@ -83,6 +83,6 @@ def test_the_mean_of_finite_values_has_an_interval_over_their_clusters() -> None
     assert mean == pytest.approx(values.mean()) and bounds == expected
     holes = np.insert(values, [0, 5], [np.nan, np.inf])
     assert mean_interval(holes, [9, *clusters[:5], 9, *clusters[5:]], (0, np.inf)) == (mean, bounds)
-    assert mean_interval(np.array([np.nan]), ["a"]) == (None, None)
-    assert mean_interval(values[:6], clusters[:6]) == (pytest.approx(values[:6].mean()), None)
+    assert mean_interval(np.array([np.nan]), ["a"], (0, 1)) == (None, None)
+    assert mean_interval(values[:6], clusters[:6], (0, np.inf)) == (pytest.approx(values[:6].mean()), None)
     assert mean_interval(np.array([0.9] * 7 + [2.0]), range(8), within=(0, 1.1))[1][1] == 1.1
