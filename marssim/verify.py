@@ -75,8 +75,8 @@ class VerifyConfig:
     needs the extra `view`."""
     cross_check: bool = False
     """Render random views of --scene, and tilted planes, with each renderer, and compare them with Embree's rays. A
-    dataset that is given too is checked before. Of the table, shares are those of the view that agrees least, and
-    shifts of outlines are means over all views."""
+    dataset that is given too is checked before. The shares in the table
+    are those of the view that agrees least, the shifts those of all views together."""
     views: int = 10
     """Number of views of --cross-check, 1 or more."""
     scene: Annotated[str, tyro.conf.arg(metavar=PLACE_VALUES)] = PRESETS[0]

@@ -176,6 +176,7 @@ def test_many_findings_are_cut_short_on_the_screen(folder, tmp_path, capfd, monk
         (folder / name).write_text(name)
     code, out, _ = run(capfd, folder, "--out", tmp_path / "out", "--statistics-of", 0)
     assert code == 1 and "and 2 more" in out and "c:" not in out
+    assert "4 files wrong; not of samples: a, b, c and others; see" in out and "delete" not in out
     assert len(json.loads((tmp_path / "out" / "verify.json").read_text())["findings"]) == 4
 
 

@@ -70,6 +70,7 @@ def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite,
         (["--episodes", "3"], "--episodes must be at most 2, as many as small-v1 has, got 3"),
         (["--shard", "3/2"], "--shard must be I/N, such as 2/8 for the second part of eight, got '3/2'"),
         (["--shard", "1"], "--shard must be I/N"),
+        (["--film-courses", "7"], "--film-courses must lie in [0, 1], got 7"),
         (["--shard", "5/9"], "--shard 5/9 has no episode: use 4 parts or fewer"),
     ],
 )  # fmt: skip
