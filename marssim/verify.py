@@ -68,7 +68,7 @@ class VerifyConfig:
     """Number of threads that hash and decode, 1 or more."""
     sample: str | None = None
     """Name of a sample, SCENE/VIEW like 00003/05, that is drawn instead of checking the dataset."""
-    farthest: float = 30.0
+    max_range: float = 30.0
     """Farthest depth [m], above 0, in the clouds of --view, and in the point cloud and the mesh of --sample."""
     view: bool = False
     """At the end, show the clouds and cameras of the pairs, or of --sample, on a page in the browser, until Ctrl-C. It
@@ -86,14 +86,14 @@ class VerifyConfig:
 
     def __post_init__(self) -> None:
         check_least(self, statistics_of=0, workers=1, views=1, seed=0)
-        if not self.farthest > 0:
-            raise ValueError(f"farthest must be positive, got {self.farthest}")
+        if not self.max_range > 0:
+            raise ValueError(f"max_range must be positive, got {self.max_range}")
         if self.data is None and self.sample is not None:
             raise ValueError(f"--sample {self.sample}: give the folder of the dataset too")
         if self.data is None and self.view:
             raise ValueError("view shows the pairs of a dataset: give its folder too")
-        if self.farthest != VerifyConfig.farthest and self.sample is None and not self.view:
-            raise ValueError("farthest is of the clouds of --sample and --view: give one of them too")
+        if self.max_range != VerifyConfig.max_range and self.sample is None and not self.view:
+            raise ValueError("--max-range is of the clouds of --sample and --view: give one of them too")
         if self.data is None and not self.cross_check:
             raise ValueError("give the folder of a dataset, or --cross-check; --help explains both")
         for name in ("views", "scene", "seed"):
@@ -189,10 +189,10 @@ def show_sample(config: VerifyConfig, dataset: StereoDataset, name: str) -> list
     flat, out = name.replace("/", "_"), config.results(dataset)
     files = {out / f"sample_{flat}.png": sample_figure(sample, name)}
     camera = sample.rig.camera
-    points, colours = coloured_points(sample.left, sample.depth, camera, config.farthest)
+    points, colours = coloured_points(sample.left, sample.depth, camera, config.max_range)
     if len(points):
         files[out / f"sample_{flat}.ply"] = encode_ply(points, colours)
-    vertices, faces, pixel = surface_mesh(sample.depth, sample.normal, camera, config.farthest)
+    vertices, faces, pixel = surface_mesh(sample.depth, sample.normal, camera, config.max_range)
     if len(faces):
         files[out / f"sample_{flat}.glb"] = encode_glb(vertices, faces, sample.left.reshape(-1, 3)[pixel])
     for path, data in files.items():
@@ -232,7 +232,7 @@ def verify(config: VerifyConfig) -> bool:
     if config.view and config.data is not None:
         dataset = StereoDataset(config.data)
         names = dataset.names if config.sample is None else [config.sample]
-        show(dataset_shots(dataset.path, names, config.farthest), dataset.path.resolve().name)
+        show(dataset_shots(dataset.path, names, config.max_range), dataset.path.resolve().name)
     return all_well
 
 

@@ -37,6 +37,7 @@ from marssim.base.bags.messages import SECOND
 from marssim.base.bags.stereo_writer import StereoBagWriter
 from marssim.base.bags.writer import check_new
 from marssim.base.camera import StereoRig
+from marssim.base.command.limits import check_least
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER, counted
 from marssim.base.dataset.dataset import StereoDataset
@@ -219,8 +220,8 @@ class ReplayConfig:
     goal: tuple[float, float] | None = None
     """Goal in metres ahead and metres to the left of the first image. Left out: 20 m ahead, or the goal of the drive in
     a file."""
-    scene: int = 0
-    """Number of the scene in the dataset; each scene is one drive. The file of a drive has no number."""
+    number: int = 0
+    """Number of the scene in the dataset, 0 or more; each scene is one drive. The file of a drive has no number."""
     mount: tuple[float, float, float] | None = None
     """Place of the cameras of a dataset on the rover: metres ahead of its origin, which is on the ground, -10 to 10,
     metres above the ground, 0.001 to 10, and degrees that they look down, -90 to 90. Left out: that in the dataset, or
@@ -236,6 +237,7 @@ class ReplayConfig:
     traversability, the navigator's map and the motion that it chose. It needs the extra `view`."""
 
     def __post_init__(self) -> None:
+        check_least(self, number=0)
         if self.goal is not None and not np.isfinite(self.goal).all():
             raise ValueError(f"--goal must be two finite numbers [m], got {self.goal}")
         if self.mount is not None:
@@ -254,15 +256,15 @@ def _work(config: ReplayConfig) -> None:
         check_installed(config.bag)
         check_new(config.bag)
     if config.data.is_file():
-        if config.scene:
-            raise ValueError(f"--scene is for a dataset; {config.data} holds one drive")
+        if config.number:
+            raise ValueError(f"--number is for a dataset; {config.data} holds one drive")
         if config.mount:
             raise ValueError(f"--mount is for a dataset; the cameras of {config.data} are where Zhurong has them")
         drive, spec = read_drive(config.data), ZHURONG
         frames, title, area = list(drive_frames(drive)), config.data.name, area_of(drive)
         goal = _world(frames[0], config.goal) if config.goal else np.asarray(drive.content["episode"]["goal"], float)
     else:
-        frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.scene}", None
+        frames, title, area = _frames_of_dataset(config), f"{config.data.resolve().name}, scene {config.number}", None
         goal, spec = _world(frames[0], config.goal or AHEAD), replace(ZHURONG, mount=_mount(config))
     prior = None if config.prior is None else _prior(config.prior)
     recorder = DriveRecorder(goal, spec)
@@ -306,7 +308,7 @@ def _mount(config: ReplayConfig) -> CameraMount:
     if config.mount is not None:
         return CameraMount.of_flag(config.mount)
     samples = StereoDataset(config.data)
-    sample = samples[next(n for n, name in enumerate(samples.names) if int(name.split("/")[0]) == config.scene)]
+    sample = samples[next(n for n, name in enumerate(samples.names) if int(name.split("/")[0]) == config.number)]
     recorded = recorded_mount(sample.meta)
     if recorded is None:
         print(
@@ -336,9 +338,9 @@ def _frames_of_dataset(config: ReplayConfig) -> list[Frame]:
                 "drives; recordings of other rovers are replayed in Python, by nav.replay.replay"
             )
     dataset = StereoDataset(config.data)
-    frames = list(dataset_frames(dataset, config.scene))
+    frames = list(dataset_frames(dataset, config.number))
     if not frames:
-        raise DatasetError(f"{config.data}: holds no scene {config.scene}")
+        raise DatasetError(f"{config.data}: holds no scene {config.number}")
     settings = dataset.index.get("config")
     if isinstance(settings, dict) and settings.get("trajectory") is False:
         raise DatasetError(f"{config.data}: holds no recorded drive, its views are random; {TRAJECTORY}")

@@ -204,14 +204,16 @@ function decidedStep() {
   goTo(coordinate(columns[0].drive, columns[0].drive.decided.step));
 }
 
+// No letters: who speaks to the computer would press them by words (WCAG 2.1.4).
 const KEYS = {
   ArrowLeft: () => moveTo(index - 1), ArrowRight: () => moveTo(index + 1), PageUp: () => moveTo(index - 10),
-  PageDown: () => moveTo(index + 10), Home: () => moveTo(0), End: () => moveTo(stops.length - 1), " ": play, d: decidedStep,
+  PageDown: () => moveTo(index + 10), Home: () => moveTo(0), End: () => moveTo(stops.length - 1), " ": play, Enter: decidedStep,
 };
+const CONTROLS = "button, input:not([type=range])";
 document.addEventListener("keydown", (event) => {
-  const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()]; // with Caps Lock too
+  const act = KEYS[event.key];
   if (event.ctrlKey || event.metaKey || event.altKey || !act) return;
-  if (event.key === " " && event.target.matches("button, input:not([type=range])")) return; // it presses that
+  if ([" ", "Enter"].includes(event.key) && event.target.matches(CONTROLS)) return; // it presses that
   if (event.key.startsWith("Arrow") && event.target.matches("input[type=radio]")) return; // it chooses another one
   event.preventDefault();
   act();

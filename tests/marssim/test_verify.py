@@ -206,7 +206,7 @@ def test_samples_are_spread_over_the_splits():
 
 
 def test_a_sample_is_shown(folder, tmp_path, capfd):
-    code, out, _ = run(capfd, folder, "--sample", "00002/01", "--out", tmp_path / "out", "--farthest", 12)
+    code, out, _ = run(capfd, folder, "--sample", "00002/01", "--out", tmp_path / "out", "--max-range", 12)
     names = [f"sample_00002_01.{kind}" for kind in ("png", "ply", "glb")]
     assert code == 0 and out.split() == [str(tmp_path / "out" / name) for name in names]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted(names)
@@ -278,11 +278,11 @@ def test_a_folder_that_is_no_dataset_is_refused(folder, tmp_path, capfd):
         (("SET", "--sample", "0/7"), "--sample 0/7"),
         (("SET", "--statistics-of", -1), "--statistics-of"),
         (("SET", "--workers", 0), "--workers"),
-        (("SET", "--farthest", 0), "--farthest"),
-        (("SET", "--farthest", "nan"), "--farthest"),
+        (("SET", "--max-range", 0), "--max-range"),
+        (("SET", "--max-range", "nan"), "--max-range"),
         (("--cross-check", "--views", 0), "--views"),
         (("somewhere", "--views", 3), "--views describes the views of --cross-check"),
-        (("somewhere", "--farthest", 9), "--farthest is of the clouds of --sample and --view"),
+        (("somewhere", "--max-range", 9), "--max-range is of the clouds of --sample and --view"),
         (("somewhere", "--scene", "gale"), "--scene describes"),
         (("--cross-check", "--scene", "olympus"), "--scene"),
     ],
@@ -299,7 +299,7 @@ def test_view_shows_all_pairs_after_the_check_or_the_sample_alone(folder, tmp_pa
     monkeypatch.setattr(command, "check_viewer", lambda: None)
     monkeypatch.setattr(command, "show", lambda shots, title: pages.append((shots, title)))
     assert run(capfd, folder, "--view", "--out", tmp_path / "out", "--statistics-of", 1)[0] == 0
-    assert run(capfd, folder, "--sample", "00001/01", "--view", "--out", tmp_path / "out", "--farthest", 4)[0] == 0
+    assert run(capfd, folder, "--sample", "00001/01", "--view", "--out", tmp_path / "out", "--max-range", 4)[0] == 0
     (all_shots, title), ((shot,), _) = pages
     assert [s.name for s in all_shots] == StereoDataset(folder).names and title == "set"
     assert [s.world for s in all_shots] == [name[:5] for name in StereoDataset(folder).names]

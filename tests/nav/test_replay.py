@@ -328,8 +328,8 @@ def test_the_bag_of_a_drive_has_its_times_and_both_poses(tmp_path):
 
 def test_the_file_of_a_drive_has_no_scenes(tmp_path, capsys):
     drive_of(tmp_path / "drive.zip", [drive_step()])
-    assert main([str(tmp_path / "drive.zip"), "--scene", "3"]) == 2
-    assert f"--scene is for a dataset; {tmp_path / 'drive.zip'} holds one drive" in capsys.readouterr().err
+    assert main([str(tmp_path / "drive.zip"), "--number", "3"]) == 2
+    assert f"--number is for a dataset; {tmp_path / 'drive.zip'} holds one drive" in capsys.readouterr().err
 
 
 def test_a_recorded_look_without_depth_and_a_foreign_file_are_named(tmp_path, capsys):
@@ -368,7 +368,11 @@ def test_a_broken_pose_of_a_drive_is_named(tmp_path, capsys, name, entry, fault)
 
 
 def test_mistakes_exit_with_2_and_one_line(folder, tmp_path, capsys):
-    for arguments, named in (([str(folder), "--scene", "7"], "scene 7"), ([str(tmp_path / "no")], "no")):
+    for arguments, named in (
+        ([str(folder), "--number", "7"], "scene 7"),
+        ([str(folder), "--number", "-1"], "number"),
+        ([str(tmp_path / "no")], "no"),
+    ):
         assert main(arguments) == 2
         error = capsys.readouterr().err
         assert named in error and error.startswith("error: ") and error.count("\n") == 1

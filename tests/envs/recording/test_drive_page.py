@@ -179,10 +179,15 @@ def test_the_page_opens_from_the_disk_and_its_time_line_moves_through_the_drive(
     assert later[0].startswith("step 5, 10 s, ")
     different = [a != b for a, b in zip(first, later)]
     assert different[0] and different[1] and sum(different[2:]) >= 3  # strip, depth and map at least
-    for key in ("d", "D"):  # with Caps Lock, or Shift
-        body.send_keys(Keys.END, key)
-        assert now.text == first[0]  # from there on, each step brought the rover nearer to the goal
+    body.send_keys(Keys.END, Keys.ENTER)
+    assert now.text == first[0]  # from there on, each step brought the rover nearer to the goal
     position, play = browser.find_element(By.ID, "position"), browser.find_element(By.ID, "play")
+    position.send_keys(Keys.END, "d", "D", Keys.ENTER)  # letters do nothing: words that are spoken would press them
+    assert now.text == first[0]
+    position.send_keys(Keys.ARROW_RIGHT)
+    play.send_keys(Keys.ENTER)
+    assert play.text == "pause" and now.text != first[0]  # it presses the button
+    play.send_keys(Keys.ENTER)
     position.send_keys(" ")  # where it has the focus, after a drag
     assert play.text == "pause"
     position.send_keys(" ")
@@ -229,7 +234,7 @@ def test_by_the_way_driven_each_step_of_a_rover_that_stands_can_be_shown(browser
         body.send_keys(Keys.ARROW_RIGHT)
         walked.append(shown())
     assert walked == [[0, 0], [1, 0], [2, 0], [3, 0], [4, 1]]
-    body.send_keys("d")
+    body.send_keys(Keys.ENTER)
     assert shown() == [2, 0]
     browser.execute_script("document.querySelector('input[value=time]').click()")
     assert shown() == [2, 1]
