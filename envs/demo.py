@@ -40,7 +40,7 @@ from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.png import encode_png
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.rover_spec import ZHURONG
 from marssim.engines.bullet import pybullet_is_installed
 from marssim.generate import GenerateConfig, generate_dataset
@@ -90,7 +90,7 @@ def demo(config: DemoConfig) -> Path:
         FolderInUse: If another command writes there.
         FileNotFoundError: If the weights are missing.
     """
-    folder = ResultFolder(config.out, "demo", MARK, mark_text=ABOUT_MARK)
+    folder = ResultFolder(config.out, "demo", MARK, mark_text=ABOUT_MARK, partial=(PARTIAL, f"data/{PARTIAL}"))
     folder.check()
     started = perf_counter()
     network, sgbm = load_estimator("m3depth"), load_estimator("sgbm")

@@ -115,7 +115,9 @@ def training_env(config: PPOConfig) -> gymnasium.Env:
     from stable_baselines3.common.monitor import Monitor
 
     if parent_process() is not None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the command ends the others
+        for name in ("SIGINT", "SIGHUP"):  # they reach all processes; the command ends the others
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
     env = MarsNavEnv(
         "ground_truth", "kinematic", scene=config.scene, goal_distance=config.goal_distance, map_observation=True,
         k=config.k, episodes_per_scene=EPISODES_PER_SCENE,
@@ -270,11 +272,13 @@ def _model(config: PPOConfig, path: Path, vector: Any, rollout: int, rate: Calla
         ValueError: If no training can be continued from the file.
     """
     from stable_baselines3 import PPO
+    from stable_baselines3.common.logger import Logger
 
     from envs.drivers.way_policy import WayPolicy
 
     batch = min(BATCH, rollout * config.workers)
     model = PPO(WayPolicy, vector, rate, n_steps=rollout, batch_size=batch, device="cpu", seed=config.seed, **SETTINGS)
+    model.set_logger(Logger(None, []))  # its own makes a folder in that of temporary files, and leaves it there
     if path.is_file():
         model.num_timesteps = restore_training(path, model.policy)
     # of courses: others than those of the next seed, and than those that the training began with

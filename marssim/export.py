@@ -32,7 +32,7 @@ from marssim.base.dataset.dataset import SPLITS, Split, StereoDataset
 from marssim.base.dataset.marks import EXPORTED
 from marssim.base.files.atomic import naming, write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.out_folder import check_around
 from marssim.layouts.layout import Item, Layout, SameAs
 from marssim.layouts.registry import LAYOUTS
@@ -149,7 +149,7 @@ def _folder(config: ExportConfig, chosen: list[dict[str, Any]]) -> ResultFolder:
     settings = {"schema": SCHEMA, "version": 1, "format": config.format, "split": splits, "samples": digest}
     return ResultFolder(
         config.out, "export", EXPORTED, settings, digests=("samples",), flags=False, check_place=check_around,
-        partial=("**/.*.part",),
+        partial=(f"**/{PARTIAL}",),
     )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ from marssim.base.dataset.sample import is_complete
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json
 from marssim.base.files.png import encode_png
-from marssim.base.results.claim import ResultFolder
+from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import source_digest
 from marssim.base.results.out_folder import check_around
 from marssim.engines.egl import draws_on_a_card, probe
@@ -237,7 +237,7 @@ def _folder(config: GenerateConfig) -> ResultFolder:
         notes=MARK_NOTES,
         flags=False,
         check_place=check_around,
-        partial=(".*.part", f"{CALIBRATION}/.*.part", "scenes/*/.*"),
+        partial=(PARTIAL, f"{CALIBRATION}/{PARTIAL}", f"scenes/*/{PARTIAL}", "scenes/*/.[0-9]*.partial"),
         has_results=_has_visible_files,
     )
 

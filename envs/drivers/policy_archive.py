@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from marssim.base.command.input_file import check_file
+from marssim.base.files.zip_member import read_member
 
 CORRIDORS = "corridors"  # name of the entry that marks a policy as one of envs.drivers.corridors
 WEIGHTS, OPTIMIZER, DATA = "policy.pth", "policy.optimizer.pth", "data"  # entries of stable-baselines3's .zip
@@ -102,7 +103,7 @@ def restore_training(path: Path, policy: Any) -> int:
 def _entry(archive: zipfile.ZipFile, name: str) -> bytes:
     if archive.getinfo(name).file_size > MOST_BYTES:
         raise ValueError(f"{name} has more than {MOST_BYTES >> 20} MiB")
-    return archive.read(name)
+    return read_member(archive, name)
 
 
 def _tensors(archive: zipfile.ZipFile, name: str) -> dict[Any, Any]:

@@ -33,7 +33,7 @@ from marssim.base.command.progress import watched
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import as_json, read_json, write_json
-from marssim.base.results.claim import ResultFolder, differences
+from marssim.base.results.claim import PARTIAL, ResultFolder, differences
 from marssim.base.results.code_state import source_digest, versions
 
 SETTINGS = "ablation.json"  # the settings that make runs comparable, in the ablation's folder
@@ -211,7 +211,7 @@ def _folder(options: AblateOptions, datasets: Sequence[Any]) -> ResultFolder:
     }
     return ResultFolder(
         options.out, "ablation", SETTINGS, settings, notes=tuple(_places(options)), digests=("sha256",), shared=True,
-        results_key="studies",
+        results_key="studies", partial=(PARTIAL, f"runs/*/{PARTIAL}"),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -146,14 +147,33 @@ def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConf
         DatasetError: The list is missing or a line is malformed; the message names list and line.
     """
     rows = read_list(file, (3,))
-    for words, scene in zip(rows, _scenes([words[0] for words in rows]), strict=True):
+    lefts = [words[0] for words in rows]
+    for words, name, scene in zip(rows, names_of_list(root, lefts), _scenes(lefts), strict=True):
         left, right, truth = (root / word for word in words)
         occluded = root / "occluded" / f"{left.stem}.png"
         yield PairFiles(
-            Path(words[0]).with_suffix("").as_posix(), scene, left, right, truth, "disparity",
+            name, scene, left, right, truth, "disparity",
             rigs(root / "calib" / f"{left.stem}.txt", left), unit=config.unit,
             visible=occluded if occluded.is_file() else None, hidden=is_above_zero,
         )  # fmt: skip
+
+
+def names_of_list(root: Path, lefts: Sequence[str]) -> list[str]:
+    """Return the names of the pairs of a list: the paths of their left images without suffixes.
+
+    If one of these leads elsewhere, by "..", or absolute, the names begin in the folder that all left images have in
+    common: a name is also that of a folder of results, which lie in the folder that --out names.
+
+    Args:
+        root: Folder that the paths start from.
+        lefts: The paths of the left images.
+    """
+    paths = [Path(left) for left in lefts]
+    if any(path.is_absolute() or ".." in path.parts for path in paths):
+        paths = [Path(os.path.abspath(root / path)) for path in paths]
+        common = os.path.commonpath([path.parent for path in paths])
+        paths = [path.relative_to(common) for path in paths]
+    return [path.with_suffix("").as_posix() for path in paths]
 
 
 def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:

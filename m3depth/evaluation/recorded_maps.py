@@ -42,6 +42,7 @@ from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 from marssim.base.dataset.map_file import PNG_UNIT
 from marssim.base.files.npy import read_npy
+from marssim.base.files.whole_file import read_file
 
 ENDINGS = ("npy", "pfm", "tiff", "tif", "png")  # of files of maps; the first that exists is read
 IN_A_FOLDER = {"disparity": ("disparity", "left_disparity"), "depth": ("depth",)}  # names in a pair's own folder
@@ -272,7 +273,7 @@ def read_recorded_map(path: Path, shape: tuple[int, ...]) -> np.ndarray:
         if path.suffix == ".npy":
             values = read_npy(path)
         else:
-            values = decode_image(path.read_bytes())
+            values = decode_image(read_file(path))
     except ValueError:
         values = None
     if values is None or values.dtype.kind not in "fiu":

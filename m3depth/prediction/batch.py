@@ -37,7 +37,7 @@ from marssim.base.command.progress import watched
 from marssim.base.command.run import describe
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.command.wording import counted
-from marssim.base.files.json_file import read_json
+from marssim.base.files.json_file import DatasetError, read_json
 from marssim.base.pose import ROVER_KEY
 from marssim.base.results.claim import PARTIAL, ResultFolder
 from marssim.base.results.code_state import source_digest, versions
@@ -306,8 +306,11 @@ def _depth_shown(options: PredictOptions, inputs: Inputs) -> tuple[float, float]
     """Return the range of depth [m] that the pictures of an earlier run show; None where it wrote none."""
     for pair in inputs.pairs:
         if _is_done(options, pair):
-            near, far = read_json(options.out / pair.name / RECORD)["depth_shown_m"]
-            return near, far
+            file = options.out / pair.name / RECORD
+            shown = read_json(file).get("depth_shown_m")
+            if not isinstance(shown, list) or [type(value) in (int, float) for value in shown] != [True, True]:
+                raise DatasetError(f"{file}: depth_shown_m must be two numbers; delete the file to repeat the pair")
+            return shown[0], shown[1]
     return None
 
 

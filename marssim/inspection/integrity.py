@@ -18,6 +18,7 @@ from marssim.base.dataset.dataset import VERSION, StereoDataset, split_of
 from marssim.base.dataset.marks import MARK_NOTES, SETTINGS
 from marssim.base.dataset.sample import IMAGES, RAW, recorded_mount, recorded_time, sample_digest
 from marssim.base.files.json_file import DatasetError, read_json
+from marssim.base.files.whole_file import read_file
 from marssim.base.pose import recorded_pose
 from marssim.base.results.lock import LOCK
 from marssim.base.right_image import recorded_rotation
@@ -266,11 +267,11 @@ def _numbers(value: Any, shape: tuple[int, ...]) -> np.ndarray:
 def _check_image(path: Path, recorded: str, rig: StereoRig) -> str | None:
     """Return what is wrong with an image file; None if nothing is."""
     try:
-        data = path.read_bytes()
+        data = read_file(path)
     except FileNotFoundError:
         return "missing"
     except OSError as error:
-        return f"cannot be read: {error.strerror}"
+        return f"cannot be read: {error.strerror}" if error.strerror else str(error)
     if hashlib.sha256(data).hexdigest() != recorded:
         if not data:
             return "empty"

@@ -14,6 +14,7 @@ from marssim.base.dataset.sample import StereoSample, read_sample
 from marssim.base.files.json_file import DatasetError
 from marssim.base.files.pfm import encode_pfm
 from marssim.base.files.png import encode_png
+from marssim.base.files.whole_file import read_file
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,11 @@ class Item:
         """
         path = self.folder / name
         try:
-            data = path.read_bytes()
+            data = read_file(path)
         except FileNotFoundError:
             raise DatasetError(f"{path}: no such file") from None
+        except OSError as error:
+            raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
         recorded = self.sample.meta.get("sha256")
         if not isinstance(recorded, dict) or hashlib.sha256(data).hexdigest() != recorded.get(name):
             raise DatasetError(

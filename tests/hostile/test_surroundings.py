@@ -110,6 +110,25 @@ def test_nothing_is_written_through_links_in_the_folder(server, inputs, whole, r
         shutil.rmtree(out)
 
 
+def test_nothing_is_written_through_a_link_in_place_of_a_folder(server, inputs, whole, rng, tmp_path):
+    for number in cases(0.12):
+        command, out, others = draw(rng), tmp_path / str(number), tmp_path / "others"
+        run = RUNS[command]
+        server.run(run.entry, run.line(out, inputs)).check()
+        if folders := sorted(path for path in out.rglob("*") if path.is_dir()):
+            linked = rng.choice(folders)
+            linked.rename(others)
+            linked.symlink_to(others)
+            if rng.random() < 0.5:
+                next(path for path in others.rglob("*") if path.is_file()).unlink()  # so that there is something to do
+            before = {path: path.read_bytes() for path in others.rglob("*") if path.is_file()}
+            server.run(run.entry, run.line(out, inputs)).check(str(out), "--out")
+            assert before == {path: path.read_bytes() for path in others.rglob("*") if path.is_file()}, linked
+            shutil.rmtree(others)
+        count(command, "links")
+        shutil.rmtree(out)
+
+
 @pytest.mark.parametrize("kind", STARTS)
 def test_how_an_interpreter_starts_decides_over_no_result(kind, inputs, whole, rng, tmp_path):
     for number in cases(0.12):

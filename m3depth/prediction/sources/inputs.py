@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.datasets.config import DataConfig
-from m3depth.datasets.folders import numbers_by_value, partners, read_list, warn_of_lone_rights
+from m3depth.datasets.folders import names_of_list, numbers_by_value, partners, read_list, warn_of_lone_rights
 from m3depth.datasets.image_files import read_pair
 from m3depth.datasets.open import PairList, detect, open_pairs, sensors_are_named
 from m3depth.datasets.rigs import NATECAM_NAME, FileRig
@@ -310,23 +309,13 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
 
 
 def _listed(file: Path) -> Iterator[PairInput]:
-    """Yield the pairs of a list, whose paths start from its folder.
-
-    Their names are the paths of the left images. If one of these leads elsewhere, they begin in the folder that all
-    left images have in common.
-    """
+    """Yield the pairs of a list, whose paths start from its folder."""
     rows = read_list(file, (2, 3))
-    roots = [Path(os.path.abspath(file.parent / words[0])).parent for words in rows]
-    leads_elsewhere = any(Path(words[0]).is_absolute() or ".." in Path(words[0]).parts for words in rows)
-    common = Path(os.path.commonpath(roots)) if leads_elsewhere else None
-    for words, root in zip(rows, roots, strict=True):
+    for words, name in zip(rows, names_of_list(file.parent, [words[0] for words in rows]), strict=True):
         left, right = (file.parent / word for word in words[:2])
         for path in (left, right):
             if not path.is_file():
                 raise DatasetError(f"{path}: no such file; {file} names it")
-        name = Path(words[0]).with_suffix("").as_posix()
-        if common is not None:
-            name = (root.relative_to(common) / left.stem).as_posix()
         yield _with_calibration(PairInput(name, left, right), file.parent / "calib" / f"{left.stem}.txt")
 
 

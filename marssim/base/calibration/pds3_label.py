@@ -33,13 +33,13 @@ KINDS = {"REAL": "f", "UNSIGNED": "u", "INTEGER": "i"}  # of numpy, by a word in
 FILE_BYTES = "file bytes"  # the size of a file with a VICAR label; with its space, no key of a label has this name
 SIZES = {"8": 1, "16": 2, "32": 4, "64": 8}  # [bytes] by SAMPLE_BITS
 _VALUE = r'"[^"]*"|\((?:[^()"]|"[^"]*"|\((?:[^()"]|"[^"]*")*\))*\)|\{[^{}]*\}|[^\r\n]*'
-_STATEMENT = re.compile(rf"^[ \t]*(\^?[A-Za-z][\w:]*)[ \t]*(?:=\s*({_VALUE}))?[ \t]*\r?$", re.MULTILINE)
-_VICAR = re.compile(r"([A-Za-z]\w*)\s*=\s*('(?:[^']|'')*'|\([^)]*\)|[^\s']+)")
+# Possessive, and no list begins in another one: what does not match is given up in one pass over it.
+_STATEMENT = re.compile(rf"^[ \t]*+(\^?[A-Za-z][\w:]*+)[ \t]*+(?:=\s*+({_VALUE}))?[ \t]*+\r?$", re.MULTILINE)
+_VICAR = re.compile(r"(?<!\w)([A-Za-z]\w*+)\s*+=\s*+('(?:[^']|'')*+'|\([^()]*+\)|[^\s']+)")
 _END = re.compile(rb"^[ \t]*END[ \t]*\r?$", re.MULTILINE)
 _ITEM = re.compile(r'"[^"]*"|\'[^\']*\'|[^,()"\']+')
 _UNIT = re.compile(r"<[^<>]*>")
 _POINTER = re.compile(r"(\d+)\s*(<\s*BYTES\s*>)?")  # to a record, or to a byte, of the file itself
-_ENTITY = re.compile(r"/\*.*?\*/", re.DOTALL)
 
 
 def is_pds3(head: bytes) -> bool:
@@ -114,7 +114,7 @@ def _odl(text: str) -> dict[str, Any]:
     """
     root: dict[str, Any] = {}
     stack = [root]
-    for key, value in _STATEMENT.findall(_ENTITY.sub("", text)):
+    for key, value in _STATEMENT.findall(_without_comments(text)):
         if key in ("GROUP", "OBJECT"):
             inner: dict[str, Any] = {}
             stack[-1].setdefault(value.strip().strip('"'), inner)
@@ -125,6 +125,15 @@ def _odl(text: str) -> dict[str, Any]:
         else:
             stack[-1].setdefault(key, value.strip() if key.startswith("^") else _plain(value))
     return root
+
+
+def _without_comments(text: str) -> str:
+    """Return a label without its comments, /* ... */. One without an end is none."""
+    parts, at = [], 0
+    while (begin := text.find("/*", at)) >= 0 and (end := text.find("*/", begin + 2)) >= 0:
+        parts.append(text[at:begin])
+        at = end + 2
+    return "".join(parts) + text[at:]
 
 
 def _vicar(data: bytes) -> dict[str, Any]:

@@ -236,7 +236,8 @@ def _from_kitti(text: str, eyes: tuple[str, str]) -> Calibration:
 
 def _from_middlebury(text: str) -> Calibration:
     """Read a calibration of Middlebury or ETH3D. Without doffs, cam1 gives the shift, and without both it is 0."""
-    content = dict(re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", text, re.MULTILINE))
+    lines = re.findall(r"^[ \t]*(\w+)[ \t]*=(.*)$", text, re.MULTILINE)
+    content = {name: value.strip(" \t\r") for name, value in lines}
     size = None
     if {"width", "height"} <= content.keys():
         sides = [_middlebury_number(content, name) for name in ("width", "height")]

@@ -4,7 +4,8 @@
 1    The work ended badly: a training diverged, or marssim.verify found something wrong.
 2    The user made a mistake, or a disk, a package or a worker process failed. Also if only stdout could not be written,
      to a full disk for one; then the work is done.
-130  Ctrl-C or SIGTERM interrupted the command. A cluster's queue sends SIGTERM when the time is up.
+130  Ctrl-C, SIGTERM or SIGHUP interrupted the command. A cluster's queue sends SIGTERM when the time is up, and a
+     terminal that is closed sends SIGHUP.
 141  The reader of stdout closed the pipe, as `| head` does. Nothing is printed then.
 
 Any other exception is a bug and shows its traceback. What is printed never decides over the work: see
@@ -27,6 +28,7 @@ from pathlib import Path
 from marssim.base.command.exits import exits_as_errors
 from marssim.base.command.flags import Config, parse
 from marssim.base.command.notes import one_note
+from marssim.base.command.signals import STOPPING
 from marssim.base.command.streams import SafeStream, safe_streams
 from marssim.base.command.wording import GOES_ON, KILLED
 
@@ -151,27 +153,29 @@ def _check_working_directory() -> None:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt in the block, except outside the main thread or if it has a handler."""
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
-    ):
-        yield
-        return
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, unless they have handlers, or are ignored.
+
+    Outside the main thread, where Python cannot handle signals, nothing changes.
+    """
+    numbers = [n for n in STOPPING if signal.getsignal(n) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
 
     def end(number: int, frame: object) -> None:
         signal.signal(number, signal.SIG_DFL)  # a second signal ends the process at once
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, end)
+    for number in numbers:
+        signal.signal(number, end)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _is_interruption(error: BaseException) -> bool:
-    """Return whether Ctrl-C or SIGTERM caused an error. In a call of a compiled function, it is a SystemError."""
+    """Return whether a signal caused an error. In a call of a compiled function, it is a SystemError."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__

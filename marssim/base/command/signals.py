@@ -11,14 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-STOPPING = (signal.SIGTERM, signal.SIGINT)
+# A terminal that is closed, or a connection that is lost, sends SIGHUP. Windows has none.
+STOPPING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name))
 # [s] in which a signal after the first is taken for a copy of it: a queue signals the launcher and its processes
 REPEAT_WITHIN = 1.0
 
 
 @contextmanager
 def stop_on_signal() -> Iterator[list[int]]:
-    """Record the first SIGTERM or SIGINT instead of ending, so that a run can finish its step and save.
+    """Record the first SIGTERM, SIGINT or SIGHUP instead of ending, so that a run can finish its step and save.
 
     A signal that is ignored when the block begins stays ignored, as SIGINT is in a command that a script started in
     the background. A second signal has its former effect, unless it comes within REPEAT_WITHIN. Under torchrun

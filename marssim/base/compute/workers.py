@@ -151,14 +151,16 @@ def _in_processes(
 
 @contextmanager
 def _environment_of_workers() -> Iterator[None]:
-    """Let processes that start in the block use one thread in each library, and ignore Ctrl-C.
+    """Let processes that start in the block use one thread in each library, and ignore Ctrl-C and a closed terminal.
 
     They inherit both: libraries read the environment when they are imported, and a blocked signal stays blocked. This
-    process handles a Ctrl-C of that time after the block.
+    process handles a signal of that time after the block.
     """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    mask = None
+    if hasattr(signal, "pthread_sigmask"):
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:

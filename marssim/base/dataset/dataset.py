@@ -158,12 +158,22 @@ def _check_not_unfinished(path: Path) -> None:
 def _unfinished(path: Path) -> str:
     """Return the message on a dataset that has settings and no index yet."""
     done = sum(is_complete(file.parent) for file in path.glob("scenes/*/[0-9]*/sample.json"))
-    command = read_json(path / SETTINGS).get("command")
-    if not isinstance(command, str):
+    flags = _flags(read_json(path / SETTINGS).get("command"))
+    if flags is None:
         completion = "the call that began it completes it"
     else:
-        completion = f"python -m marssim.generate --out {shlex.quote(str(path))} {command} completes it"
+        completion = f"python -m marssim.generate --out {shlex.quote(str(path))} {flags} completes it"
     return f"{path}: not finished, it has {counted(done, 'pair')}; {completion}"
+
+
+def _flags(command: Any) -> str | None:
+    """Return recorded flags so that a shell takes each word as it is; None if there are none, or no terminal's text."""
+    if not isinstance(command, str) or not command.isprintable():
+        return None
+    try:
+        return shlex.join(shlex.split(command))
+    except ValueError:  # an open quote
+        return None
 
 
 def _lists_samples(index: dict[str, Any]) -> bool:
@@ -171,7 +181,7 @@ def _lists_samples(index: dict[str, Any]) -> bool:
     samples = index.get("samples")
     return isinstance(samples, list) and all(
         isinstance(s, dict)
-        and re.fullmatch(r"\d+/\d+", str(s.get("name"))) is not None
+        and re.fullmatch(r"[0-9]{1,9}/[0-9]{1,9}", str(s.get("name"))) is not None
         and s.get("split") in SPLITS
         and isinstance(s.get("sha256"), str)
         for s in samples

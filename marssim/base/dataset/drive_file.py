@@ -32,7 +32,9 @@ import numpy as np
 from marssim.base.camera import StereoRig
 from marssim.base.files.json_file import DatasetError, json_text, parse_json, read_json
 from marssim.base.files.json_schema import first_fault
-from marssim.base.files.png import decode_png
+from marssim.base.files.png import decode_png, png_size
+from marssim.base.files.whole_file import refuse_endless
+from marssim.base.files.zip_member import read_member
 
 FORMAT, VERSION = "marsnav-drive", 1
 INDEX = "drive.json"  # member with everything but pictures
@@ -180,8 +182,7 @@ class DriveFile:
         size = (cells["cells"],) * 2 if on_map and cells else (camera.height, camera.width)
         kind = np.uint16 if layer in ("depth", "height") else np.uint8
         # the size in the header is checked first, as a small file may unpack to a huge picture
-        header = (int.from_bytes(data[20:24], "big"), int.from_bytes(data[16:20], "big"))
-        pixels = decode_png(data) if header == size else None
+        pixels = decode_png(data) if png_size(data) == size else None
         if pixels is None or pixels.shape != size or pixels.dtype != kind:
             raise DatasetError(
                 f"{self.path}: {name} must be a PNG of {size[1]} x {size[0]} px, {8 * kind().nbytes} bits{NOT_DRIVEN}"
@@ -235,11 +236,12 @@ def read_drive(path: Path, with_pictures: bool = True) -> DriveFile:
 def _members(path: Path, only: str | None = None) -> dict[str, bytes]:
     """Return the files of an archive by their names; only: the name of the one that is wanted. Raises DatasetError."""
     try:
+        refuse_endless(path)
         with zipfile.ZipFile(path) as archive:
             if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
                 raise DatasetError(f"{path}: unpacks to more than {MOST_BYTES >> 20} MiB")
             members = [member for member in archive.infolist() if only in (None, member.filename)]
-            return {member.filename: archive.read(member) for member in members}
+            return {member.filename: read_member(archive, member.filename) for member in members}
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:

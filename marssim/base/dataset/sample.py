@@ -18,7 +18,8 @@ from marssim.base.dataset.encoding import decode_depth, decode_normal, encode_de
 from marssim.base.dataset.frame import ROVER, SKY, StereoFrame
 from marssim.base.files.atomic import naming
 from marssim.base.files.json_file import DatasetError, json_text, read_json
-from marssim.base.files.png import decode_png, encode_png
+from marssim.base.files.png import MAGIC, decode_png, encode_png, png_size
+from marssim.base.files.whole_file import read_file
 from marssim.base.pose import ROVER_KEY, recorded_pose
 from marssim.base.right_image import image_disparity, recorded_rotation
 
@@ -245,14 +246,17 @@ def sample_digest(folder: Path) -> str:
 
 def _read_image(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> np.ndarray:
     try:
-        image = decode_png(path.read_bytes())
+        data = read_file(path)
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:
         raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    sizes = " x ".join(str(n) for n in (shape[1], shape[0], *shape[2:]))
+    if data.startswith(MAGIC) and (size := png_size(data)) != shape[:2]:
+        raise DatasetError(f"{path}: must be {sizes} px as the rig says, is {size[1]} x {size[0]} px")
+    image = decode_png(data)
     if image is None:
         raise DatasetError(f"{path}: not a readable image")
     if image.shape != shape or image.dtype != dtype:
-        sizes = " x ".join(str(n) for n in (shape[1], shape[0], *shape[2:]))
         raise DatasetError(f"{path}: must be {sizes} {np.dtype(dtype)} as the rig says, is {image.shape} {image.dtype}")
     return image

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from marssim.base.files.atomic import write_atomically
+from marssim.base.files.whole_file import read_file
 
 MOST_LEVELS = 64  # levels of nesting in a file that is read; files of this project have less than ten
 MOST_DIGITS = 300  # of an integer; a float overflows from 309
@@ -76,10 +77,8 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         DatasetError: The file cannot be read, or holds no JSON object. One line that names the file.
     """
-    if path.is_fifo() or path.is_char_device():
-        raise DatasetError(f"{path}: is a pipe or a device, not a file")  # which may never end
     try:
-        data = path.read_bytes()
+        data = read_file(path)
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except OSError as error:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 
+BEGINNINGS = re.compile(r"([\\|<\[`])")
 PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")  # a backslash before any of these makes it text (CommonMark 2.4)
 
 
 def in_table(name: str) -> str:
-    """Return a name as text in a cell of a table that is read as it is, too: only what ends a cell is escaped."""
-    return name.replace("\\", "\\\\").replace("|", "\\|").replace("<", "\\<")
+    """Return a name as text in a cell of a table that is read as it is, too: only some characters are escaped.
+
+    They are those that end a cell, or begin HTML, a link, an image or code.
+    """
+    return BEGINNINGS.sub(r"\\\1", name)
 
 
 def as_text(words: str) -> str:

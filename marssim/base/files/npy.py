@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import io
 import os
+from pathlib import Path
 
 import numpy as np
 from numpy.lib.format import MAGIC_PREFIX
+
+from marssim.base.files.whole_file import refuse_endless
 
 
 def read_npy(path: str | os.PathLike[str]) -> np.ndarray:
@@ -14,8 +17,9 @@ def read_npy(path: str | os.PathLike[str]) -> np.ndarray:
 
     Raises:
         ValueError: The file is broken. One line that says what is wrong, without the file's name.
-        OSError: The file cannot be opened.
+        OSError: The file cannot be opened, or is a pipe or a device.
     """
+    refuse_endless(Path(path))
     with open(path, "rb") as file:
         if file.read(len(MAGIC_PREFIX)) != MAGIC_PREFIX:  # an archive, a pickle or a text
             raise ValueError("it does not begin like one")

@@ -43,6 +43,15 @@ def decode_png(data: bytes) -> np.ndarray | None:
     return decode(data, alone=alone) if is_whole(data) else None
 
 
+def png_size(data: bytes) -> tuple[int, int]:
+    """Return height and width [px] by the header of a PNG file, also of a broken one: a small file may unpack to much.
+
+    Args:
+        data: Content of the file.
+    """
+    return int.from_bytes(data[20:24], "big"), int.from_bytes(data[16:20], "big")
+
+
 def is_whole(data: bytes) -> bool:
     """Return whether the checksums of all chunks of a PNG file are right, up to its last chunk."""
     if not data.startswith(MAGIC):

@@ -71,7 +71,8 @@ class ResultFolder:
     results_key: str | None = None
     """A key that the command writes to results.json. A results.json without it is refused."""
     partial: tuple[str, ...] = (PARTIAL,)
-    """Glob patterns of files and folders that a killed run has half written. They are deleted."""
+    """Glob patterns of files and folders that a killed run has half written. They are deleted. A link in place of a
+    folder in which they may lie is refused."""
     has_results: Callable[[Path], bool] = _always
     """Returns whether a folder holds results. A mark without results does not bind: other settings replace it."""
 
@@ -131,7 +132,7 @@ class ResultFolder:
             Content of the mark of the run that this one continues; None if there is no such run.
 
         Raises:
-            DatasetError: See check().
+            DatasetError: See check(); or a folder in it is a link, through which results would get elsewhere.
             FolderInUse: Another command writes to the folder.
             OSError: The folder cannot be written.
         """
@@ -156,9 +157,13 @@ class ResultFolder:
         self._write_mark({**read_json(self.mark_path), **notes})
 
     def clear_partial(self) -> None:
-        """Delete files and folders that killed runs have half written."""
+        """Delete files and folders that killed runs have half written.
+
+        Raises:
+            DatasetError: A folder in which they may lie is a link.
+        """
         for pattern in self.partial:
-            for path in list(self.path.glob(pattern)):
+            for path in list(_matches(self.path, pattern)):
                 if path.is_dir() and not path.is_symlink():
                     _delete_unused(path)
                 else:
@@ -247,6 +252,28 @@ def as_typed(value: Any) -> str:
 def _shortened(value: Any) -> str:
     text = as_typed(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]}...{text[-LONGEST // 2 :]}"
+
+
+def _matches(folder: Path, pattern: str) -> Iterator[Path]:
+    """Yield what matches a glob pattern. Raises DatasetError if a folder on the way is a link."""
+    first, _, rest = pattern.partition("/")
+    if not rest:
+        yield from folder.glob(first)
+    elif first == "**":
+        for root, names, _ in os.walk(folder):
+            for name in names:
+                _refuse_link(Path(root, name))
+            yield from Path(root).glob(rest)
+    else:
+        for path in folder.glob(first):
+            if path.is_dir():
+                _refuse_link(path)
+                yield from _matches(path, rest)
+
+
+def _refuse_link(path: Path) -> None:
+    if path.is_symlink():
+        raise DatasetError(f"{path}: is a link, through which nothing is written or deleted; delete it")
 
 
 def _make_writable(folder: Path) -> None:

@@ -613,6 +613,16 @@ def test_pairs_of_a_list_that_show_one_scene_stay_together_and_others_do_not(tmp
     assert open_pairs(tmp_path / "mine.txt", "all", DataConfig(focal=50, baseline=0.27)).scenes == scenes
 
 
+@pytest.mark.parametrize("start", ["../other/", "sub/../../other/", "{}/other/"])
+def test_no_pair_of_a_list_has_a_name_that_leads_out_of_a_folder_of_results(tmp_path, start) -> None:
+    """As m3depth.predict writes its results to OUT/NAME."""
+    left = start.format(tmp_path)
+    (tmp_path / "set").mkdir()
+    put(tmp_path / "set/all.txt", f"{left}a/left.png right.png map.pfm\n{left}b/left.png right.png map.pfm\n")
+    pairs = open_pairs(tmp_path / "set/all.txt", "all", DataConfig(focal=50, baseline=0.27))
+    assert [pair.name for pair in pairs.pairs] == ["a/left", "b/left"]
+
+
 def test_an_unsorted_list_is_split_by_its_pairs(tmp_path) -> None:
     put(tmp_path / "mine.txt", "".join(f"left/img_{i:04d}.png right.png map.pfm\n" for i in range(20)))
     config = DataConfig(focal=50, baseline=0.27)

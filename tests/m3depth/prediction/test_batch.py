@@ -168,6 +168,15 @@ def test_a_whole_folder_loads_nothing_again_and_other_settings_are_refused(folde
             (folder / eye / "9.png").unlink()
 
 
+@pytest.mark.parametrize("shown", ["{}", '{"depth_shown_m": [1]}', '{"depth_shown_m": ["a", 2]}'])
+def test_a_damaged_record_of_an_earlier_run_is_named(folder, tmp_path, shown):
+    predict(options(folder, tmp_path, write=("depth",)), SGBM())
+    (tmp_path / "0/prediction.json").write_text(shown)
+    (tmp_path / "3/prediction.json").unlink()
+    with pytest.raises(DatasetError, match=r"0/prediction\.json: depth_shown_m must be two numbers; delete the file"):
+        predict(options(folder, tmp_path, write=("depth",)), SGBM())
+
+
 def test_only_what_is_asked_for_is_written_in_the_formats_that_are(folder, tmp_path):
     predict(options(folder, tmp_path, write=("depth", "confidence"), map_format=("tiff", "pfm")), SGBM())
     assert {path.name for path in tmp_path.iterdir()} == {*"0123", "predictions.json"}

@@ -50,6 +50,14 @@ def test_kitti_colour_and_grey(tmp_path, text):
     assert read_calibration(only_grey).baseline == pytest.approx(grey.baseline)
 
 
+def test_a_line_that_ends_late_is_read_in_one_pass(tmp_path):
+    """It would take hours if each blank were tried as the beginning of the end."""
+    line = "isint=0" + " " * 2_000_000 + "x\n"
+    assert read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY + line)) == read_calibration(
+        write(tmp_path / "calib.txt", MIDDLEBURY)
+    )
+
+
 def test_middlebury(tmp_path):
     parsed = read_calibration(write(tmp_path / "calib.txt", MIDDLEBURY))
     assert parsed == Calibration(3979.911, 3979.911, 1244.772, 1019.507, pytest.approx(0.193001), 124.343, (2964, 1988))

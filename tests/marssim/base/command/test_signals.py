@@ -1,5 +1,6 @@
 """Signals that a run records between its steps."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from marssim.base.command import signals
 from marssim.base.command.signals import stop_on_signal
 
 
-@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
+@pytest.fixture(params=signals.STOPPING, ids=lambda number: number.name)
 def number(request):
     """A signal that raises KeyboardInterrupt, whatever started the tests, and has its former effect afterwards."""
     before = signal.signal(request.param, signal.default_int_handler)
@@ -77,7 +78,7 @@ sys.exit(exit_code(work))
 """
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_command_ignores_what_it_was_started_to_ignore(name):
     """A script that starts a command in the background has it ignore SIGINT; `nohup` and its like ignore others."""
     starter = (
@@ -86,6 +87,43 @@ def test_a_command_ignores_what_it_was_started_to_ignore(name):
     command = [sys.executable, "-c", IGNORING.format(name=name)]
     done = subprocess.run([sys.executable, "-c", starter, *command], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "went on\n", "")
+
+
+CLOSED = """
+import sys, time
+from pathlib import Path
+from marssim.base.command.run import exit_code
+from marssim.base.command.signals import stop_on_signal
+
+def work():
+    if sys.argv[2] == "loop":
+        with stop_on_signal() as received:
+            print("begun", flush=True)
+            while not received:
+                time.sleep(0.02)
+            print("at work", flush=True)
+        Path(sys.argv[1]).write_text("saved")
+    else:
+        try:
+            print("begun", flush=True)
+            time.sleep(60)
+        finally:
+            Path(sys.argv[1]).write_text("saved")
+
+sys.exit(exit_code(work))
+"""
+
+
+@pytest.mark.parametrize(("kind", "code"), [("loop", 2), ("other", 130)])  # 2: nobody can read it
+def test_a_terminal_that_is_closed_ends_a_command_in_order(tmp_path, kind, code):
+    pty = pytest.importorskip("pty", reason="this system has no terminals of this kind")
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(sys.executable, [sys.executable, "-c", CLOSED, str(tmp_path / "result"), kind])
+    assert os.read(terminal, 100).startswith(b"begun")
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == code
+    assert (tmp_path / "result").read_text() == "saved"
 
 
 def test_a_thread_runs_without_noting_signals():

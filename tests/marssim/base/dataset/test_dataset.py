@@ -1,5 +1,6 @@
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -284,9 +285,14 @@ def test_an_unfinished_dataset_says_what_completes_it(dataset):
     command = f"python -m marssim.generate --out {dataset} --pairs 6 --seed 3 --scene gale completes it"
     with pytest.raises(DatasetError, match=rf"^{dataset}: not finished, it has 5 pairs; {command}$"):
         StereoDataset(dataset)
-    write_json(dataset / "generate.json", {"seed": 3, "command": None})
-    with pytest.raises(DatasetError, match="it has 5 pairs; the call that began it completes it"):
+    write_json(dataset / "generate.json", {"command": "--pairs 6; touch ~/mine $(touch mine) --scene 'my place.json'"})
+    command = "--pairs '6;' touch '~/mine' '$(touch' 'mine)' --scene 'my place.json' completes it"
+    with pytest.raises(DatasetError, match=rf"--out {dataset} {re.escape(command)}$"):
         StereoDataset(dataset)
+    for command in (None, "--pairs 6 --scene 'gale", "--pairs 6\x1b[2J"):
+        write_json(dataset / "generate.json", {"seed": 3, "command": command})
+        with pytest.raises(DatasetError, match="it has 5 pairs; the call that began it completes it"):
+            StereoDataset(dataset)
 
 
 def test_a_path_without_a_dataset_is_named(tmp_path):

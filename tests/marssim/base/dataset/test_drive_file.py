@@ -42,6 +42,15 @@ def rewritten(path, change, name=INDEX):
                 archive.writestr(member, data)
 
 
+def packed(path, packing):
+    """The archive with its members packed another way."""
+    with zipfile.ZipFile(path) as archive:
+        members = {member: archive.read(member) for member in archive.namelist()}
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        for member, data in members.items():
+            archive.writestr(member, data)
+
+
 def edited(path, *keys, value):
     """The index with the value at some keys replaced."""
 
@@ -129,6 +138,7 @@ def test_a_wrong_value_is_named_in_one_line(file, keys, value, fault):
     (lambda path: rewritten(path, lambda data: None), "holds no drive.json, so it is no recorded drive"),
     (lambda path: rewritten(path, lambda data: b"[1, 2"), "drive.json: is not JSON"),
     (lambda path: rewritten(path, lambda data: b"<svg>", "left/0000.jpg"), "left/0000.jpg is no JPEG file"),
+    (lambda path: packed(path, zipfile.ZIP_LZMA), "is not a whole zip archive"),
     (lambda path: rewritten(path, lambda data: b"GIF", "depth/0000.png"), "depth/0000.png is no PNG file"),
 ])  # fmt: skip
 def test_a_file_that_is_broken_or_holds_something_else_is_refused_in_one_line(file, damage, fault):
@@ -150,6 +160,13 @@ def test_an_archive_that_unpacks_to_too_much_is_refused(file, monkeypatch):
     rewritten(file, lambda data: bytes(1 << 20), "left/0001.jpg")
     with pytest.raises(DatasetError, match="unpacks to more than 1 MiB"):
         read_drive(file)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_in_its_place_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "drive.zip")
+    with pytest.raises(DatasetError, match=r"drive\.zip: is a pipe or a device, not a file$"):
+        read_drive(tmp_path / "drive.zip")
 
 
 def test_a_pickle_in_its_place_is_not_run(tmp_path):

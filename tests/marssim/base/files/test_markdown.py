@@ -25,8 +25,8 @@ def test_words_become_the_same_words_and_no_markup(words):
     assert unescape(shown[3:-5]) == ("x" + " ".join(words.split()))
 
 
-@pytest.mark.parametrize("name", ["a|b", "<b>", "\\|", "C:\\nets\\", "<img src=x onerror=alert(1)>"])
+@pytest.mark.parametrize("name", ["a|b", "<b>", "\\|", "C:\\nets\\", "<img src=x onerror=alert(1)>", "![a](b) `c` [d]"])
 def test_a_name_stays_in_its_cell(name):
     shown = MarkdownIt("gfm-like", {"linkify": False}).render(f"| a | b |\n|---|---|\n| {in_table(name)} | 1 |\n")
     cells = re.findall("<td>(.*?)</td>", shown)
-    assert [unescape(cell) for cell in cells] == [name, "1"] and not re.search("<(b|img)", shown)
+    assert [unescape(cell) for cell in cells] == [name, "1"] and not re.search("<(b|img|a|code)\\b", shown)

@@ -1,4 +1,5 @@
 import io
+import os
 
 import numpy as np
 import pytest
@@ -18,6 +19,13 @@ def test_a_file_that_numpy_wrote_is_read(tmp_path):
     (tmp_path / "a.npy").write_bytes(whole(VALUES.T))
     assert np.array_equal(read_npy(tmp_path / "a.npy"), VALUES.T)
     assert np.array_equal(read_npy(str(tmp_path / "a.npy")), VALUES.T)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.npy")
+    with pytest.raises(OSError, match=r"^is a pipe or a device, not a file$"):
+        read_npy(tmp_path / "a.npy")
 
 
 def wrong_header() -> bytes:

@@ -130,6 +130,21 @@ def test_half_written_files_of_a_killed_run_are_deleted(tmp_path):
     assert not (tmp_path / ".a.1.part").is_symlink() and (tmp_path / "others" / "file").exists()
 
 
+@pytest.mark.parametrize("pattern", ["scenes/*/.*", "**/.*", "scenes/*/drawn/.*"])
+@pytest.mark.parametrize("link", ["scenes", "scenes/1"])
+def test_nothing_is_deleted_through_a_link_in_place_of_a_folder(tmp_path, pattern, link):
+    out, others = tmp_path / "out", tmp_path / "others"
+    claimed(out)
+    (others / "1").mkdir(parents=True)
+    (out / link).parent.mkdir(parents=True, exist_ok=True)
+    for kept in (others / ".bashrc", others / "1" / ".ssh"):
+        kept.touch()
+    (out / link).symlink_to(others)
+    with pytest.raises(DatasetError, match=rf"^{out / link}: is a link, through which nothing is written or deleted"):
+        claimed(out, partial=(pattern,))
+    assert (others / ".bashrc").exists() and (others / "1" / ".ssh").exists()
+
+
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock")
 def test_a_second_command_in_the_folder_is_refused(tmp_path):
     with folder_of(tmp_path).claim(), pytest.raises(FolderInUse, match=rf"\(process {os.getpid()} .*let it end first$"):
