@@ -116,9 +116,9 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | `outcome`            | see above                                                                             |
     | `distance`           | distance to the goal [m]                                                              |
     | `shortest`           | length of the shortest passable path from the start to the goal [m]                    |
+    | `to_go`              | length of the shortest passable path from here to the goal [m]; inf if there is none  |
     | `path_length`        | length of the way driven [m]                                                          |
-    | `min_clearance`      | least distance so far between the rover's footprint and a rock, a drop or steep       |
-    |                      | ground that is an obstacle [m]; 3 if none came as near                                |
+    | `min_clearance`      | least distance so far from the footprint to an obstacle, as above [m]; 3 if farther   |
     | `pan`                | pan of the mast [rad]                                                                 |
     | `position_error`     | error of the odometry's position [m]                                                  |
     | `perception_seconds` | run time of the perception at this look [s]                                           |

@@ -5,11 +5,14 @@ Importing this module loads no torch; `load_estimator("m3depth")` does.
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -40,7 +43,8 @@ class Estimator(Protocol):
     """A stereo method, as evaluation, prediction and the driving environment use it.
 
     A method whose normals are planes fitted to its disparity sets the class attribute `normals_are_fitted = True`, so
-    that evaluation does not fit them again. Another, `files`, names what it reads (m3depth.class_files).
+    that evaluation does not fit them again. Another, `files`, names what it reads (m3depth.class_files). A method that
+    remembers earlier images has a method `begin_drive()`, which environments call before each drive, to forget them.
     """
 
     def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
@@ -234,7 +238,10 @@ def load_estimator(
     """
     check_runtime(runtime, device)
     if not isinstance(spec, str):
-        if not isinstance(spec, Estimator) or isinstance(spec, type):
+        if isinstance(spec, type):
+            cls = f"{spec.__module__}:{spec.__qualname__}"
+            raise ValueError(f"{role} is the class {cls}: give an instance of it, or its name as text, {cls!r}")
+        if not isinstance(spec, Estimator):
             raise ValueError(f"{role} {spec!r} has no method infer(left, right, rig)")
         _check_arguments(spec, f"{role} {spec!r}")
         return spec
@@ -277,7 +284,7 @@ def inferred(
 
     Raises:
         EstimatorError: It returned something other than a Prediction of the images' size, or a class of the user raised
-            a ValueError, an OSError or an ImportError; the message names the class.
+            a ValueError, an OSError or an ImportError; the message names the class, and the file and line that raised.
     """
     infer: Callable[..., object] = estimator.infer
     try:
@@ -287,14 +294,40 @@ def inferred(
     except (ValueError, OSError, ImportError) as error:  # which end a command in one line
         if type(estimator).__module__.partition(".")[0] == M3DEPTH:
             raise
-        raise EstimatorError(f"{type(estimator).__name__}.infer raised {type(error).__name__}: {error}") from error
+        what = f"{type(estimator).__name__}.infer raised {type(error).__name__}: {error}"
+        raise EstimatorError(f"{what} ({_place(error, estimator)})") from error
     return checked_prediction(estimator, returned, left.shape[:2])
+
+
+@contextmanager
+def errors_at(where: str) -> Iterator[None]:
+    """Say where a method was at work: in the line of an EstimatorError, and below the traceback of other exceptions.
+
+    Args:
+        where: The method and the pair, such as "Blocks, pair 00003/05".
+    """
+    try:
+        yield
+    except EstimatorError as error:
+        raise EstimatorError(f"{where}: {error}") from None
+    except Exception as error:
+        error.add_note(f"raised at {where}")
+        raise
+
+
+def _place(error: Exception, estimator: Estimator) -> str:
+    """Return file and line of the method's own code that led to an error: of its module, where the error passed it."""
+    frames = extract_tb(error.__traceback__)
+    file = getattr(sys.modules.get(type(estimator).__module__), "__file__", None)
+    own = [frame for frame in frames if frame.filename == file]
+    frame = (own or frames)[-1]
+    return f"{Path(frame.filename).name}, line {frame.lineno}"
 
 
 def checked_prediction(estimator: Estimator, result: object, size: tuple[int, int]) -> Prediction:
     """Return what `estimator.infer` returned, as float32, if it is a whole Prediction.
 
-    Without depth, a pixel has no disparity either, whatever was returned there.
+    Without depth, a pixel has no disparity either, whatever was returned there. Where its confidence is NaN, it is 0.
 
     Args:
         estimator: The method, for the message.
@@ -326,6 +359,8 @@ def checked_prediction(estimator: Estimator, result: object, size: tuple[int, in
     if len(outside):
         raise EstimatorError(f"{caller} returned a confidence of {outside[0]:g}: it must lie in [0, 1]")
     maps = {name: getattr(result, name) for name in ("depth", "disparity", "normal", "confidence")}
+    if np.isnan(result.confidence).any():
+        maps["confidence"] = np.nan_to_num(result.confidence, nan=0.0)
     if (unknown := np.isnan(result.depth) & np.isfinite(result.disparity)).any():
         maps["disparity"] = np.where(unknown, np.float32(np.nan), result.disparity)
     return replace(result, **{name: m.astype(np.float32, copy=False) for name, m in maps.items() if m is not None})

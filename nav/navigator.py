@@ -35,6 +35,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from marssim.base.angle import wrapped
 from marssim.base.camera import StereoRig
@@ -60,6 +61,7 @@ CARRIED_INSET = 0.15  # [m] by which the ground under the rover is smaller than 
 BUMP_RADIUS = 0.2  # [m] around a place where the rover bumped into something
 DEAD_END_RADIUS, DEAD_END_COST = 1.0, 3.0  # [m] around a dead end, and the extra cost of a metre there
 WAY_AHEAD = 3.0  # [m] of the far path along which the mast looks
+UPRIGHT = 0.34  # least z of the body's z axis in the world: 70 deg from the vertical, where no rover drives any more
 BEND = 0.2  # [rad] turned in a step from which a short motion leads round something
 
 
@@ -139,8 +141,8 @@ class Navigator:
         depth: np.ndarray | None,
         confidence: np.ndarray | None,
         rig: StereoRig,
-        pose: np.ndarray,
-        goal: np.ndarray,
+        pose: ArrayLike,
+        goal: ArrayLike,
         pan: float = 0.0,
         between_looks: bool = False,
         obeyed: bool = True,
@@ -166,9 +168,15 @@ class Navigator:
 
         Raises:
             ValueError: If shapes disagree, depth is of integers, confidence exceeds 1, goal is not finite, pan is no
-                angle in [-pi, pi], or pose is no rotation and translation.
+                angle in [-pi, pi], or pose is no rotation and translation, or one of a body that lies on its side.
         """
         pose, goal = rigid_pose(pose), np.asarray(goal, float)
+        if pose[2, 2] < UPRIGHT:
+            tilt = np.rad2deg(np.arccos(np.clip(pose[2, 2], -1, 1)))
+            raise ValueError(
+                f"pose must be body to world, x ahead and z up, and its z axis is {tilt:.0f} deg from the vertical: is "
+                "it that of a camera? spec.mount.left_eye gives the camera's place on the body"
+            )
         if goal.shape not in ((2,), (3,)) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")
         if pan is None or not abs(pan) <= np.pi:

@@ -49,6 +49,7 @@ from marssim.base.rover_spec import ZHURONG, CameraMount, RoverSpec
 from marssim.base.view.show import check_viewer, show
 from nav.bag import write_decision
 from nav.command import Command
+from nav.config import NavigatorConfig
 from nav.drive_shots import DriveRecorder
 from nav.ground.elevation import ElevationConfig, ElevationMap
 from nav.ground.masks import Area
@@ -96,7 +97,7 @@ Watch = Callable[[Frame, Navigator, Command], None]
 
 def replay(
     frames: Iterable[Frame], goal: ArrayLike, spec: RoverSpec = ZHURONG, watch: Watch | None = None,
-    area: Area | None = None, prior: ElevationMap | None = None,
+    area: Area | None = None, prior: ElevationMap | None = None, config: NavigatorConfig | None = None,
 ) -> list[Command]:  # fmt: skip
     """Return the navigator's command for each frame, until the navigator ends the drive.
 
@@ -110,12 +111,13 @@ def replay(
         watch: Is called with frame, navigator and command after each decision.
         area: (x0, y0, x1, y1) in the world within which the rover's middle must stay [m]; None for no limit.
         prior: Heights that are known before the drive, in the world of the poses.
+        config: The navigator's settings; None for NavigatorConfig.of_rover(spec).
 
     Raises:
         ValueError: The area is empty, the cells of the prior are not of the navigator's size, or the pose of a frame is
             no rotation and translation.
     """
-    navigator, commands = Navigator(spec, area=area, prior=prior), []
+    navigator, commands = Navigator(spec, config, area, prior), []
     obeyed = False  # whether the rover did between two frames what the navigator commanded at the first
     for frame in frames:
         body, place = frame.body(spec), np.asarray(goal, float)

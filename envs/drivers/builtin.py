@@ -11,6 +11,7 @@ from envs.drivers.steering import head_for
 from envs.mars_nav import MarsNavEnv
 from envs.world.referee import GOAL_RADIUS
 from nav.command import Command
+from nav.config import NavigatorConfig
 from nav.navigator import Navigator
 
 STRAIGHT_WITHIN = 0.3  # [rad] from the goal's direction, within which the straight driver drives while it turns
@@ -19,19 +20,23 @@ STRAIGHT_WITHIN = 0.3  # [rad] from the goal's direction, within which the strai
 class NavigatorDriver:
     """nav.Navigator, fed with the environment's depth.
 
+    Args:
+        config: The navigator's settings; None for NavigatorConfig.of_rover of the environment's rover.
+
     Attributes:
         navigator: The navigator.
         command: Its last command; None before the first.
     """
 
-    def __init__(self) -> None:
-        self.navigator = Navigator()
+    def __init__(self, config: NavigatorConfig | None = None) -> None:
+        self.config = config
+        self.navigator = Navigator(config=config)
         self.command: Command | None = None
 
     def reset(self, env: MarsNavEnv, seed: int) -> None:
         assert env.course is not None
         # the navigator knows where the ground ends
-        self.navigator, self.command = Navigator(env.rover_spec, area=env.course.area), None
+        self.navigator, self.command = Navigator(env.rover_spec, self.config, env.course.area), None
 
     def act(self, env: MarsNavEnv, observation: dict[str, Any]) -> np.ndarray | Stop:
         assert env.sight is not None and env.course is not None

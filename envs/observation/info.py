@@ -26,6 +26,7 @@ def episode_info(outcome: str, course: Course, way: WayDriven, gaze: Gaze, belie
         "outcome": outcome,
         "distance": float(np.hypot(*(course.goal - way.place[:2]))),
         "shortest": course.shortest,
+        "to_go": float(way.to_go),
         "path_length": way.length,
         "min_clearance": way.min_clearance,
         "pan": gaze.pan,

@@ -16,6 +16,7 @@ class WayDriven:
         length: Length of the way [m].
         clearance: Least distance in the last step between the footprint and an obstacle [m].
         min_clearance: Least distance on it between the footprint and an obstacle [m].
+        to_go: Length of the shortest passable way from the place to the goal [m]; inf where none leads there.
     """
 
     def __init__(self, course: Course, obstacles: ObstacleClearance, start: np.ndarray) -> None:
@@ -30,7 +31,7 @@ class WayDriven:
         self.place = start
         self.length = 0.0
         self.clearance = self.min_clearance = obstacles.between(start, start)
-        self._to_go = self._ground.distance_to_goal(*start[:2])
+        self.to_go = self._last_to_go = self._ground.distance_to_goal(*start[:2])
 
     def advance(self, place: np.ndarray) -> float:
         """Add a step, which ends at a place (3,): x, y [m] and yaw [rad].
@@ -42,8 +43,8 @@ class WayDriven:
         self.clearance = self._obstacles.between(self.place, place)
         self.min_clearance = min(self.min_clearance, self.clearance)
         self.place = place
-        to_go = self._ground.distance_to_goal(*place[:2])
-        if not np.isfinite(to_go):
+        self.to_go = self._ground.distance_to_goal(*place[:2])
+        if not np.isfinite(self.to_go):
             return 0.0
-        progress, self._to_go = self._to_go - to_go, to_go
+        progress, self._last_to_go = self._last_to_go - self.to_go, self.to_go
         return progress

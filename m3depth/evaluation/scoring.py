@@ -12,7 +12,7 @@ import numpy as np
 
 from m3depth.datasets.labels import advice
 from m3depth.datasets.pair_files import SHIFT_KEY
-from m3depth.estimator import Estimator, EstimatorError, for_pair, gets_truth, inferred
+from m3depth.estimator import Estimator, errors_at, for_pair, gets_truth, inferred
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.recorded_maps import RecordedPredictions
@@ -118,7 +118,7 @@ class Scoring:
             except DatasetError as error:
                 raise DatasetError(f"pair {record['pair']}: {error}") from None
             except ValueError as error:
-                raise ValueError(f"{name}, pair {index}: {error}") from None
+                raise ValueError(f"{name}, pair {record['pair']}: {error}") from None
             if name in costs:
                 record[name]["seconds"] = costs[name].seconds
                 self._costs[name].append(costs[name])
@@ -134,24 +134,22 @@ class Scoring:
         left, right = sample.left, sample.right
         if self.degradation is not None:
             left, right = self.degradation.apply(left, right, np.random.default_rng((self.seed, index)))
+        pair = pair_name(self.dataset, index)
         predictions: dict[str, Prediction] = {}
         costs: dict[str, Cost] = {}
         for name, method in self.methods.items():
             if isinstance(method, RecordedPredictions):
                 shift = sample.meta.get(SHIFT_KEY, 0.0)
-                predictions[name] = method.read(pair_name(self.dataset, index), index, sample.rig, shift)
+                predictions[name] = method.read(pair, index, sample.rig, shift)
                 continue
             method = for_pair(method, sample)
             infer = partial(_infer_aligned if self.align_rows else inferred, method)
-            try:
+            with errors_at(f"{name}, pair {pair}"):
                 if name not in self._warm:
                     infer(left, right, sample.rig)
                     self._warm.add(name)
                 predictions[name], costs[name] = measured(infer, left, right, sample.rig)
-            except EstimatorError as error:
-                raise EstimatorError(f"{name}, pair {index}: {error}") from None
-        name = pair_name(self.dataset, index)
-        return Example(index, left, right, sample, predictions, name, self.max_disparity), costs
+        return Example(index, left, right, sample, predictions, pair, self.max_disparity), costs
 
     def result(self) -> Evaluation:
         """Return the figures so far, without examples."""

@@ -45,7 +45,7 @@ def config_from_dict(data: dict[str, Any]) -> NetworkConfig:
     kind = kind_of(data)
     if kind == M3DepthConfig.KIND:
         return M3DepthConfig.from_dict({k: v for k, v in data.items() if k != "kind"})
-    if kind not in CONFIGS:
+    if kind not in CONFIGS:  # m3depth.kinds.networks.add_network adds to it
         kinds = ", ".join((M3DepthConfig.KIND, *CONFIGS))
         raise ValueError(f"network config: kind {kind!r} is not one of {kinds}")
     return CONFIGS[kind].from_dict({k: v for k, v in data.items() if k != "kind"})

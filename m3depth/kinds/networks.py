@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ from m3depth.network.config import M3DepthConfig
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import (
+    CONFIGS,
     CreStereoConfig,
     FusionConfig,
     GeoNetConfig,
     HitNetConfig,
     LightStereoConfig,
     RaftStereoConfig,
+    RivalConfig,
     SelectiveStereoConfig,
     UniMvsNetConfig,
 )
@@ -29,6 +32,7 @@ from m3depth.rivals.hit_net import HitNet
 from m3depth.rivals.layers import summed_inputs
 from m3depth.rivals.light_stereo import LightStereo
 from m3depth.rivals.raft_stereo import RaftStereo
+from m3depth.rivals.rival import StereoRival
 from m3depth.rivals.selective_stereo import SelectiveStereo
 from m3depth.rivals.uni_mvs_net import UniMvsNet
 from m3depth.weights.storage import load_weights
@@ -50,6 +54,27 @@ CLASSES: dict[type, Any] = {
 def new_network(config: NetworkConfig) -> StereoNetwork:
     """Make a new network with random weights."""
     return CLASSES[type(config)](config)
+
+
+def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
+    """Add a kind of network, so that m3depth.train and all commands of this process take it, and its weights.
+
+    Args:
+        config: The class of its sizes, a frozen dataclass. Its KIND names the network in weights files.
+        network: The network. It is made with such sizes as its only argument.
+
+    Raises:
+        ValueError: Another class has this KIND, or a class is none of these; the message names it.
+    """
+    if not (
+        is_dataclass(config) and issubclass(config, RivalConfig) and isinstance(getattr(config, "KIND", None), str)
+    ):
+        raise ValueError(f"{config.__qualname__} must be a dataclass of RivalConfig, with KIND as a text")
+    if not issubclass(network, StereoRival):
+        raise ValueError(f"{network.__qualname__} must be a subclass of StereoRival")
+    if config.KIND == M3DepthConfig.KIND or CONFIGS.get(config.KIND, config) is not config:
+        raise ValueError(f"{config.__qualname__}: another network has the kind {config.KIND!r}; choose another")
+    CONFIGS[config.KIND], CLASSES[config] = config, network
 
 
 def draw_normal(network: nn.Module) -> None:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
 
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.inference import infer_pair, padded_rig
@@ -19,6 +20,19 @@ from marssim.base.camera import StereoRig
 from marssim.base.compute.waiting import warn_of_busy_threads
 
 _STEPS = Lock()  # of every_step, which one thread sets at a time
+
+
+class _Undrawn(TorchFunctionMode):
+    """Leaves out the drawing of weights, for which PyTorch would import its compiler where tensors have shapes alone.
+
+    That takes more than a second. Functions of torch.nn.init return their first argument, the tensor, as it is.
+    """
+
+    def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        if getattr(function, "__module__", None) == "torch.nn.init":
+            return kwargs["tensor"] if "tensor" in kwargs else args[0]
+        return function(*args, **kwargs)
 
 
 class StereoNetwork(nn.Module):
@@ -88,7 +102,7 @@ class StereoNetwork(nn.Module):
         Raises:
             ValueError: The weights do not fit the sizes, or all are zero.
         """
-        with torch.device("meta"):  # shapes alone: a config with wrong, huge sizes then takes no memory
+        with torch.device("meta"), _Undrawn():  # shapes alone: a config with wrong, huge sizes then takes no memory
             expected = cls(config).state_dict()
         misfits = sorted(expected.keys() ^ tensors.keys())
         misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)

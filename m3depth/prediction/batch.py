@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from m3depth.estimator import Estimator, EstimatorName
+from m3depth.estimator import Estimator, EstimatorName, errors_at
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions
@@ -290,7 +290,8 @@ def _predict_remaining(
                     _warn(message)
             for message in work.warnings:
                 _warn(f"{pair.name}: {message}")
-            result = predict_pair(work, method, options)
+            with errors_at(f"pair {pair.name}"):
+                result = predict_pair(work, method, options)
             if shown is None:
                 shown = depth_range_shown(result.prediction.depth)
             record |= ending(result, shown)

@@ -11,7 +11,6 @@ the folder of the file.
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from marssim.base.command.spelling import did_you_mean
+from marssim.base.command.spelling import did_you_mean, nearest
 from marssim.base.files.json_file import read_json, write_json
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.scene import SceneConfig
@@ -152,5 +151,5 @@ def _kind(hint: Any) -> str:
 
 def _nearest(name: str, names: Sequence[str], where: str = "") -> str:
     """Return a hint: the most similar known name, or else all known names."""
-    near = difflib.get_close_matches(name, names, 1)
-    return f"did you mean {where}{near[0]}?" if near else f"choose from {', '.join(where + name for name in names)}"
+    near = nearest(name, names)
+    return f"did you mean {where}{near}?" if near else f"choose from {', '.join(where + name for name in names)}"

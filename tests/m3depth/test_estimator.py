@@ -16,6 +16,7 @@ from m3depth.estimator import (
     EstimatorName,
     checked_prediction,
     distinct_labels,
+    errors_at,
     inferred,
     load_estimator,
 )
@@ -82,7 +83,7 @@ def test_an_object_comes_back_as_it_is():
         ("marssim.base.camera:StereoRig", "cannot be made without arguments"),
         ("collections:OrderedDict", "has no method infer"),
         (NoEstimator(), "has no method infer"),
-        (SGBM, "has no method infer"),
+        (SGBM, "is the class m3depth.stereo.classical:SGBM: give an instance of it, or its name as text"),
         (TwoImages(), r"infer\(left, right\) must take left, right and rig \(too many positional arguments\)"),
         ("no_such.py:Net", "No module named 'no_such'; name it as no_such"),
     ],
@@ -281,12 +282,29 @@ class Writes:
         return Prediction(MAP, MAP, None, MAP)
 
 
+class Stops:
+    def infer(self, left, right, rig):
+        raise RuntimeError("out of luck")
+
+
+def test_errors_say_where_a_method_was_at_work():
+    pair = np.zeros((4, 6), np.uint8), np.zeros((4, 6), np.uint8), StereoRig(PinholeCamera.centred(6, 4, 5.0), 0.2)
+    with (
+        pytest.raises(RuntimeError, match=r"^out of luck\nraised at Stops, pair 3$") as stopped,
+        errors_at("Stops, pair 3"),
+    ):
+        inferred(Stops(), *pair)
+    assert stopped.value.__notes__ == ["raised at Stops, pair 3"]
+    with pytest.raises(EstimatorError, match=r"^pair 3: Writes\.infer raised ValueError"), errors_at("pair 3"):
+        inferred(Writes(), *pair)
+
+
 def test_a_users_class_works_on_copies_and_its_error_names_it():
     left, right = (np.arange(24, dtype=np.uint8).reshape(4, 6) + n for n in range(2))
     rig = StereoRig(PinholeCamera.centred(6, 4, 5.0), 0.2)
     assert inferred(Writes(), left, right, rig).depth is MAP
     assert left[3, 5] == 23 and right[3, 5] == 24
-    with pytest.raises(EstimatorError, match=r"^Writes\.infer raised ValueError: no texture$"):
+    with pytest.raises(EstimatorError, match=r"^Writes\.infer raised .*: no texture \(test_estimator\.py, line \d+\)$"):
         inferred(Writes(), np.zeros_like(left), right, rig)
 
 

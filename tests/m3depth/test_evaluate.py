@@ -161,7 +161,7 @@ def test_wrong_size_names_the_method(folder):
         def infer(self, left, right, rig):
             return replace(super().infer(left, right, rig), depth=np.ones((2, 2), np.float32))
 
-    with pytest.raises(ValueError, match=r"bad, pair 0: Wrong\.infer returned depth of shape \(2, 2\)"):
+    with pytest.raises(ValueError, match=r"bad, pair 00001/00: Wrong\.infer returned depth of shape \(2, 2\)"):
         evaluate(StereoDataset(folder, "test"), {"bad": Wrong()})
 
 
@@ -585,7 +585,7 @@ def test_a_class_that_returns_no_prediction_is_reported_in_one_line(folder, tmp_
     assert main(["--data", str(folder), *arguments]) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith(
-        f"error: Tup, pair 0: Tup.infer returned an array of shape ({H}, {W}): it must be a Prediction"
+        f"error: Tup, pair 00001/00: Tup.infer returned an array of shape ({H}, {W}): it must be a Prediction"
     )
 
 

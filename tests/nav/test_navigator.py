@@ -239,6 +239,10 @@ def test_wrong_input_is_refused_by_name():
     for pose in (np.full((4, 4), np.nan), np.eye(3), transposed, twice, np.diag([1.0, 1, -1, 1])):
         with pytest.raises(ValueError, match="pose must be"):
             Navigator().step(None, None, SMALL_RIG, pose, GOAL)
+    camera = ZHURONG.mount.left_eye(SMALL_RIG.baseline)
+    with pytest.raises(ValueError, match=r"^pose must be body to world, .* is 110 deg from the vertical: is it"):
+        Navigator().step(None, None, SMALL_RIG, camera, GOAL)
+    assert Navigator().step(None, None, SMALL_RIG, camera @ np.linalg.inv(camera), [5.0, 0.0]).status == "blind"
     for pan in (np.nan, np.inf, 20.0, None):
         with pytest.raises(ValueError, match="pan must be an angle"):
             Navigator().step(None, None, SMALL_RIG, np.eye(4), GOAL, pan)

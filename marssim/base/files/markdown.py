@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-BEGINNINGS = re.compile(r"([\\|<\[`])")
+BEGINNINGS = re.compile(r"([\\|<`]|(?<=\])\()")
 PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")  # a backslash before any of these makes it text (CommonMark 2.4)
 
 

@@ -12,6 +12,7 @@ from envs.drivers.by_name import DRIVERS, make_driver
 from envs.drivers.steering import head_for
 from envs.observation.map_view import MapView
 from marssim.base.rover_spec import ZHURONG
+from nav.config import NavigatorConfig
 
 
 def observe(bearing, distance=5.0):
@@ -118,6 +119,15 @@ def test_navigator_and_map_are_given_nothing_of_the_truth(make_env):
         np.testing.assert_array_equal(blindfolded.act(known, {}), action)
         observation, *_, info = env.step(action)
     assert info["position_error"] > 0 and (env.sight.depth != env.sight.true_depth).any()  # the truth would differ
+
+
+def test_the_navigator_takes_other_settings(make_env, guide_program):
+    exec(guide_program("patient.py"), names := {})
+    env, driver = make_env(mast=True, goal_distance=4.0), names["Patient"]()
+    observation, _ = env.reset(seed=1)
+    driver.reset(env, 1)
+    driver.act(env, observation)
+    assert driver.navigator.config == replace(NavigatorConfig.of_rover(env.rover_spec), risk_levels=())
 
 
 def test_the_navigator_forgets_with_its_reset(make_env):

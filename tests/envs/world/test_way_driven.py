@@ -14,4 +14,5 @@ def test_the_least_clearance_is_that_of_the_whole_way_and_not_of_the_last_step(m
     for x in (-1.0, 0.0, 1.0, 3.0, 4.0):
         way.advance(np.array([x, 0.0, 0.0]))
     beyond = np.hypot(3.0 - ZHURONG.length / 2, 0.7) - 0.5
+    assert way.to_go == pytest.approx(2.0, abs=0.1)
     assert way.min_clearance == pytest.approx(0.2, abs=0.02) and way.clearance == pytest.approx(beyond, abs=0.02)

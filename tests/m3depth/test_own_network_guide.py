@@ -1,0 +1,57 @@
+"""The program of docs/guides/rivals.md does what the page says."""
+
+import importlib
+import sys
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from m3depth.estimator import load_estimator
+from m3depth.kinds.networks import CLASSES, add_network
+from m3depth.rivals.config import CONFIGS, RaftStereoConfig, RivalConfig
+from m3depth.rivals.raft_stereo import RaftStereo
+from m3depth.train import main
+
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
+
+@pytest.fixture
+def my_network(tmp_path, monkeypatch, guide_program):
+    (tmp_path / "my_network.py").write_text(guide_program("my_network.py"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield importlib.import_module("my_network")
+    del sys.modules["my_network"]
+    CLASSES.pop(CONFIGS.pop("plain", None), None)
+
+
+def test_a_network_of_the_user_is_trained_and_its_weights_are_read(my_network, plane_set, plane_samples, tmp_path):
+    (tmp_path / "plain.json").write_text('{"kind": "plain", "width": 4}')
+    flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--network", str(tmp_path / "plain.json")]
+    assert main([*flags, "--max-steps", "2", "--batch", "1", "--crop", "32", "64", "--device", "cpu"]) == 0
+    network = load_estimator(f"m3depth:{tmp_path / 'run/weights.safetensors'}")
+    assert isinstance(network, my_network.Plain) and network.config == my_network.PlainConfig(4)
+    sample = plane_samples[0]
+    assert np.isfinite(network.infer(sample.left, sample.right, sample.rig).disparity).all()
+
+
+@dataclass(frozen=True)
+class SameName(RivalConfig):
+    KIND: ClassVar[str] = "raft-stereo"
+
+
+@dataclass(frozen=True)
+class WithoutName(RivalConfig):
+    width: int = 1
+
+
+def test_a_network_that_cannot_be_added_is_named():
+    for config, network, message in (
+        (SameName, RaftStereo, "^SameName: another network has the kind 'raft-stereo'; choose another$"),
+        (WithoutName, RaftStereo, "^WithoutName must be a dataclass of RivalConfig, with KIND as a text$"),
+        (RaftStereoConfig, dict, "^dict must be a subclass of StereoRival$"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            add_network(config, network)
+    assert CLASSES[RaftStereoConfig] is RaftStereo
