@@ -7,13 +7,14 @@ scattered points, with smaller cells inside. They stand out of the sand by up to
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.fft
 from scipy import ndimage
 
 from marssim.base.compute.compiled import compiled, inlined
+from marssim.base.compute.kept_arrays import kept_arrays
 from marssim.render.relief.height import SWEPT_DEPTH
 from marssim.render.relief.pyramid import CHANNELS, CODES, pyramid, pyramid_at
 
@@ -46,13 +47,18 @@ VARIANTS = 2  # number of tiles that scenes choose from; each scene turns and sh
 
 @lru_cache(maxsize=VARIANTS)
 def plates(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draw a tile of plates.
+    """Return a tile of plates, drawn or from a file.
 
     Returns:
         Heights (SIDE, SIDE) [m] over the sand around them where the ground is not swept at all, so mostly below 0; and
         their look at all resolutions, (M, 2) int8 of `pyramid`: tone (logarithm of brightness) in TONES / CODES, and
         crack (share of the light that cracks take) in 1 / CODES.
     """
+    kept = kept_arrays(_drawn_tile, f"plates{seed}", partial(_drawn_tile, seed))
+    return kept["height"], kept["look"]
+
+
+def _drawn_tile(seed: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng((seed, 9))
     k = np.hypot(scipy.fft.fftfreq(SIDE, TEXEL)[:, None], scipy.fft.rfftfreq(SIDE, TEXEL)[None, :])
     band = np.exp(-0.5 * (k / SHORTEST_BEND) ** 2) * (k > 0)
@@ -65,7 +71,7 @@ def plates(seed: int) -> tuple[np.ndarray, np.ndarray]:
     height = np.empty((SIDE, SIDE), dtype=np.float32)
     _plates(levels[0], levels[1], margin, draws[0], draws[1], bend[0], bend[1], rough, height, finest)
     height, finest = (_smooth(field) for field in (height, finest))
-    return height, pyramid(finest)
+    return {"height": height, "look": pyramid(finest)}
 
 
 def _smooth(field: np.ndarray) -> np.ndarray:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
+from marssim.base.compute.kept_arrays import kept_arrays
 from marssim.scene.rocks.shapes import FAMILIES, LEVELS, draw_shape, icosphere
 
 VARIANTS = 24  # shapes per family
@@ -60,6 +61,11 @@ class ShapeLibrary:
 @lru_cache(maxsize=len(LEVELS))
 def shape_library(level: int) -> ShapeLibrary:
     """Return the shapes of every family, FAMILIES[0] first, at a level of detail."""
+    return ShapeLibrary(**kept_arrays(draw_library, f"shapes{level}", partial(draw_library, level)))
+
+
+def draw_library(level: int) -> dict[str, np.ndarray]:
+    """Draw the shapes of a level, and return the fields of their ShapeLibrary."""
     drawn = [
         draw_shape(name, level, np.random.default_rng((SEED, n, variant)))
         for n, name in enumerate(FAMILIES)
@@ -67,13 +73,13 @@ def shape_library(level: int) -> ShapeLibrary:
     ]
     vertices = np.stack([shape for shape, _ in drawn])
     faces = icosphere(level)[1]
-    return ShapeLibrary(
-        vertices=vertices,
-        normals=vertex_normals(vertices, faces),
-        middle=np.array([middle for _, middle in drawn]),
-        faces=faces,
-        outline=outlines(vertices, faces),
-    )
+    return {
+        "vertices": vertices,
+        "normals": vertex_normals(vertices, faces),
+        "middle": np.array([middle for _, middle in drawn]),
+        "faces": faces,
+        "outline": outlines(vertices, faces),
+    }
 
 
 def outlines(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import trimesh
 
 FAMILIES = ("angular", "slabby", "rounded")
 LEVELS = range(-2, 5)  # levels of detail: 4, 8, 20, 80, 320, 1280, 5120 faces
@@ -27,6 +26,8 @@ def icosphere(level: int) -> tuple[np.ndarray, np.ndarray]:
     """
     if level < 0:
         return _tetrahedron() if level == -2 else _octahedron()
+    import trimesh  # not at the top: it takes a third of a second, and most processes read their shapes from a file
+
     sphere = trimesh.creation.icosphere(subdivisions=level)
     return np.asarray(sphere.vertices, dtype=float), np.asarray(sphere.faces, dtype=np.int32)
 
