@@ -209,10 +209,13 @@ def _lay(drifts, middle, reach, towards, wind, start, cell, out):
                 off = -1e9
                 for k in range(len(towards)):
                     off = max(off, x * towards[k, 0] + y * towards[k, 1] - reach[n, k])
+                is_mound = off < drift.width and off > -drift.lap
+                if not is_mound and drift.tail <= 0 and drift.moat <= 0:
+                    continue
                 along, across = x * wind[0] + y * wind[1], y * wind[0] - x * wind[1]
                 lee = along / max(np.hypot(x, y), 1e-6)
                 height = 0.0
-                if off < drift.width and off > -drift.lap:
+                if is_mound:
                     rest = min(1 - off / drift.width, drift.most)
                     swing = 1 + drift.lee * lee + drift.uneven * np.cos(3 * np.arctan2(y, x) + drift.phase)
                     swing *= 1 / (1 + abs(drift.lee) + drift.uneven)
