@@ -59,6 +59,12 @@ def compare_methods(manifest_summary):
 
 
 @pytest.fixture(scope="session")
+def longer_trainings(compare_methods):
+    """docs/scoring/longer_trainings.py, which finds method_records beside it."""
+    return _script("longer_trainings", SCORING)
+
+
+@pytest.fixture(scope="session")
 def plane_corrected():
     """docs/scoring/plane_corrected.py."""
     return _script("plane_corrected", SCORING)
