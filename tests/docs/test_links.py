@@ -48,6 +48,7 @@ def test_the_only_addresses_on_the_network_are_those_of_others():
         "https://gymnasium.farama.org",
         "https://download.pytorch.org/whl/cpu",
         "https://zenodo.org/records/14286916",
+        "https://arxiv.org/abs/2505.14159",
     )
     for page in PAGES:
         for address in re.findall(r"https?://[^\s)\"'`>]+", page.read_text(encoding="utf-8")):
