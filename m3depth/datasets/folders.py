@@ -169,10 +169,11 @@ def names_of_list(root: Path, lefts: Sequence[str]) -> list[str]:
         lefts: The paths of the left images.
     """
     paths = [Path(left) for left in lefts]
-    if any(path.is_absolute() or ".." in path.parts for path in paths):
+    if any(path.anchor or ".." in path.parts for path in paths):
         paths = [Path(os.path.abspath(root / path)) for path in paths]
-        common = os.path.commonpath([path.parent for path in paths])
-        paths = [path.relative_to(common) for path in paths]
+        drives = {path.drive for path in paths}
+        common = os.path.commonpath([path.parent for path in paths]) if len(drives) == 1 else None
+        paths = [path.relative_to(common or path.anchor) for path in paths]
     return [path.with_suffix("").as_posix() for path in paths]
 
 

@@ -227,7 +227,7 @@ def evaluate(
         EstimatorError: A method returned no Prediction of the images' size.
         FileNotFoundError: A recorded prediction is missing.
         SavedStateError: The saved state cannot be used.
-        KeyboardInterrupt: With `saved_state`, after SIGINT or SIGTERM, once the current pair is scored and saved.
+        KeyboardInterrupt: With `saved_state`, after a signal (stop_on_signal), once the pair is scored and saved.
     """
     chosen, estimators = _checked(dataset, estimators, limit, seed)
     scoring = Scoring(dataset, estimators, degradation, seed, max_disparity, align_rows)

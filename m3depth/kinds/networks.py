@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +49,8 @@ CLASSES: dict[type, Any] = {
 }
 """The network of each class of sizes."""
 
+SHIPPED = frozenset({M3DepthConfig.KIND, *CONFIGS})  # kinds of this package; another one may be added again
+
 
 def new_network(config: NetworkConfig) -> StereoNetwork:
     """Make a new network with random weights."""
@@ -64,16 +65,15 @@ def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
         network: The network. It is made with such sizes as its only argument.
 
     Raises:
-        ValueError: Another class has this KIND, or a class is none of these; the message names it.
+        ValueError: A network of this package has this KIND, or a class is none of these; the message names it.
     """
-    if not (
-        is_dataclass(config) and issubclass(config, RivalConfig) and isinstance(getattr(config, "KIND", None), str)
-    ):
-        raise ValueError(f"{config.__qualname__} must be a dataclass of RivalConfig, with KIND as a text")
-    if not issubclass(network, StereoRival):
-        raise ValueError(f"{network.__qualname__} must be a subclass of StereoRival")
-    if config.KIND == M3DepthConfig.KIND or CONFIGS.get(config.KIND, config) is not config:
-        raise ValueError(f"{config.__qualname__}: another network has the kind {config.KIND!r}; choose another")
+    is_config = isinstance(config, type) and issubclass(config, RivalConfig) and "__dataclass_params__" in vars(config)
+    if not (is_config and isinstance(getattr(config, "KIND", None), str)):
+        raise ValueError(f"config must be a dataclass, a subclass of RivalConfig with KIND as a text, got {config!r}")
+    if not (isinstance(network, type) and issubclass(network, StereoRival)):
+        raise ValueError(f"network must be a subclass of StereoRival, got {network!r}")
+    if config.KIND in SHIPPED:
+        raise ValueError(f"{config.__qualname__}: a network of this package has the kind {config.KIND!r}")
     CONFIGS[config.KIND], CLASSES[config] = config, network
 
 

@@ -225,7 +225,7 @@ def predict_many(options: PredictOptions, inputs: Inputs, estimator: Estimator |
     Raises:
         DatasetError: The folder holds results of other settings, or something else.
         ValueError: No pair can be used.
-        KeyboardInterrupt: After SIGINT or SIGTERM, once the pairs at work are written.
+        KeyboardInterrupt: After a signal (stop_on_signal), once the pairs at work are written.
     """
     folder = batch_folder(options, inputs, estimator)
     folder.check()

@@ -41,7 +41,7 @@ LOWER_RATE = "; try a lower --lr"  # the end of the message on a training that h
 def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> dict[str, float]:
     """Train until the budget is spent or a signal comes; both leave a checkpoint that the same call continues.
 
-    SIGTERM and SIGINT stop a training that is called from the main thread.
+    Signals (stop_on_signal) stop a training that is called from the main thread.
 
     Args:
         config: The run, its folder and its budget.

@@ -1,5 +1,6 @@
-"""The lines of docs/guides/reinforcement-learning.md for CleanRL log the returns of its vectors."""
+"""The lines of docs/guides/reinforcement-learning.md: those for CleanRL log the returns, a reward is as it says."""
 
+import math
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +22,35 @@ def recipe():
     """The three pieces of Python of the guide's part on CleanRL."""
     part = GUIDE.read_text().split("\n## With CleanRL\n")[1].split("\n## ")[0]
     return re.findall(r"```python\n(.*?)```", part, re.DOTALL)
+
+
+def test_a_reward_of_ones_own_is_the_share_of_the_way_that_a_step_saves(small_scene):
+    (program,) = re.findall(r"```python\n(# hurry\.py\n.*?)```", GUIDE.read_text(), re.DOTALL)
+    exec(program, names := {})
+    bare = gymnasium.make(
+        "envs:MarsNav-v0", perception="ground_truth", dynamics="kinematic", scene=small_scene, goal_distance=3.0, k=0.0
+    )
+    env = names["Hurry"](bare)
+    _, info = env.reset(seed=1)
+    assert info["to_go"] == info["shortest"]
+    before = info["to_go"]
+    _, reward, *_, info = env.step(np.array([1.0, 0.0], np.float32))
+    assert info["to_go"] < before - 0.2
+    assert reward == pytest.approx((before - info["to_go"]) / info["shortest"] - 0.01)
+
+    way, to_go = bare.unwrapped.way, info["to_go"]
+    advance = way.advance
+
+    def lost(place):
+        progress = advance(place)
+        way.to_go = math.inf
+        return progress
+
+    way.advance = lost
+    assert env.step(np.array([0.0, 0.0], np.float32))[1] == pytest.approx(-0.01)
+    way.advance = advance
+    _, reward, *_, info = env.step(np.array([1.0, 0.0], np.float32))
+    assert reward == pytest.approx((to_go - info["to_go"]) / info["shortest"] - 0.01)
 
 
 @pytest.fixture

@@ -272,6 +272,13 @@ def test_a_pixel_without_depth_has_no_disparity():
     assert checked.disparity.dtype == np.float32 and disparity[0, 0] == -1
 
 
+def test_a_confidence_that_is_no_number_counts_as_0():
+    confidence = np.array([[np.nan, 0.5, 1.0]])
+    checked = checked_prediction(NoEstimator(), Prediction(confidence, confidence, None, confidence), (1, 3))
+    np.testing.assert_array_equal(checked.confidence, np.array([[0, 0.5, 1]], np.float32))
+    assert np.isnan(confidence[0, 0])
+
+
 class Writes:
     """Writes into the images, and fails for those of one grey level, as a method of a user may."""
 

@@ -187,6 +187,8 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         "w": {"name": f"m3depth:{weights}", "sha256": digest},
         "SGBM": {"name": "sgbm", "sha256": None},
     }
+    page = (Path(__file__).parents[2] / "docs/concepts/result-files.md").read_text(encoding="utf-8")
+    assert [key for key in (*results, *results["methods"]["w"]) if f"`{key}`" not in page] == []
     assert results["pairs"] == 2 and results["degrade"] == "blur=0.5"
     assert results["methods"]["SGBM"]["depth"]["visible"]["pooled"]["epe"] < 1
     report = (out / "results.md").read_text()

@@ -30,6 +30,7 @@ def test_a_network_of_the_user_is_trained_and_its_weights_are_read(my_network, p
     (tmp_path / "plain.json").write_text('{"kind": "plain", "width": 4}')
     flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--network", str(tmp_path / "plain.json")]
     assert main([*flags, "--max-steps", "2", "--batch", "1", "--crop", "32", "64", "--device", "cpu"]) == 0
+    add_network(my_network.PlainConfig, my_network.Plain)  # as a cell of a notebook that is run again
     network = load_estimator(f"m3depth:{tmp_path / 'run/weights.safetensors'}")
     assert isinstance(network, my_network.Plain) and network.config == my_network.PlainConfig(4)
     sample = plane_samples[0]
@@ -46,11 +47,19 @@ class WithoutName(RivalConfig):
     width: int = 1
 
 
+class NoDataclass(RivalConfig):
+    KIND: ClassVar[str] = "none"
+    width: int = 1
+
+
 def test_a_network_that_cannot_be_added_is_named():
     for config, network, message in (
-        (SameName, RaftStereo, "^SameName: another network has the kind 'raft-stereo'; choose another$"),
-        (WithoutName, RaftStereo, "^WithoutName must be a dataclass of RivalConfig, with KIND as a text$"),
-        (RaftStereoConfig, dict, "^dict must be a subclass of StereoRival$"),
+        (SameName, RaftStereo, "^SameName: a network of this package has the kind 'raft-stereo'$"),
+        (WithoutName, RaftStereo, r"^config must be a dataclass, .* with KIND as a text, got .*WithoutName"),
+        (NoDataclass, RaftStereo, r"^config must be a dataclass, .*NoDataclass"),
+        (RaftStereoConfig(), RaftStereo, r"^config must be a dataclass, .*got RaftStereoConfig\("),
+        ("plain", RaftStereo, r"^config must be a dataclass, .*got 'plain'$"),
+        (RaftStereoConfig, dict, "^network must be a subclass of StereoRival, got <class 'dict'>$"),
     ):
         with pytest.raises(ValueError, match=message):
             add_network(config, network)

@@ -49,7 +49,7 @@ def score_without_truth(
     Raises:
         DatasetError: A file of a pair cannot be used.
         EstimatorError: A method returned no whole Prediction.
-        KeyboardInterrupt: After SIGINT or SIGTERM, once the current pair is scored and saved.
+        KeyboardInterrupt: After a signal (stop_on_signal), once the current pair is scored and saved.
     """
     records: list[dict[str, Any]] = (saved_state.load() or {"pairs": []})["pairs"]
     rest = pairs[len(records) :]

@@ -15,11 +15,13 @@ marssim.base.command.streams.
 from __future__ import annotations
 
 import errno
+import math
 import os
 import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
@@ -28,7 +30,7 @@ from pathlib import Path
 from marssim.base.command.exits import exits_as_errors
 from marssim.base.command.flags import Config, parse
 from marssim.base.command.notes import one_note
-from marssim.base.command.signals import STOPPING
+from marssim.base.command.signals import REPEAT_WITHIN, STOPPING
 from marssim.base.command.streams import SafeStream, safe_streams
 from marssim.base.command.wording import GOES_ON, KILLED
 
@@ -153,7 +155,7 @@ def _check_working_directory() -> None:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, unless they have handlers, or are ignored.
+    """Let each of STOPPING raise KeyboardInterrupt in the block, unless it has a handler, or is ignored.
 
     Outside the main thread, where Python cannot handle signals, nothing changes.
     """
@@ -161,9 +163,17 @@ def _terminated_as_interrupted() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         numbers = []
 
+    first = math.inf  # until the first signal has come
+
     def end(number: int, frame: object) -> None:
-        signal.signal(number, signal.SIG_DFL)  # a second signal ends the process at once
-        raise KeyboardInterrupt
+        nonlocal first
+        if first == math.inf:
+            first = time.monotonic()
+            raise KeyboardInterrupt
+        # a second signal ends the process at once, but no copy of the first: a shell and its terminal both send SIGHUP
+        if time.monotonic() - first > REPEAT_WITHIN:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
 
     for number in numbers:
         signal.signal(number, end)

@@ -10,6 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 
 import llvmlite.binding
@@ -21,7 +22,9 @@ from marssim.base.files.atomic import write_atomically
 
 STAMP = "stamp"  # the array in a file that says what its others depend on
 DISPATCH = ("NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")  # variables that choose the instructions of numpy and BLAS
-DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError)
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "trimesh")  # which compute the arrays
+# RuntimeError: a bit that says that a file is encrypted
+DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)
 
 
 def kept_arrays(
@@ -30,8 +33,8 @@ def kept_arrays(
     """Return the arrays of a file, or make them and keep them there.
 
     The file lies where numba keeps the kernels of the owner's module (NUMBA_CACHE_DIR, the package's own folder, the
-    user's). It is made again where any source of the owner's package, the version of numpy or the processor differs,
-    or where it is damaged. Where there is no folder to write to, each process makes the arrays.
+    user's). It is made again where any source of the owner's package, the version of a package in PACKAGES or the
+    processor differs, or where it is damaged. Where there is no folder to write to, each process makes the arrays.
 
     Args:
         owner: A function of the module that the arrays belong to.
@@ -63,5 +66,8 @@ def kept_arrays(
 def _stamp(owner: Callable[..., object]) -> bytes:
     """Return a digest of what the arrays depend on."""
     package = sys.modules[owner.__module__.partition(".")[0]]
-    values = [np.__version__, llvmlite.binding.get_host_cpu_name(), *(os.environ.get(name, "") for name in DISPATCH)]
+    values = [
+        *(version(name) for name in PACKAGES), llvmlite.binding.get_host_cpu_name(),
+        *(os.environ.get(name, "") for name in DISPATCH),
+    ]  # fmt: skip
     return hashlib.sha256(folder_digest(Path(package.__file__ or "").parent) + "\0".join(values).encode()).digest()

@@ -238,6 +238,8 @@ def _members(path: Path, only: str | None = None) -> dict[str, bytes]:
     try:
         refuse_endless(path)
         with zipfile.ZipFile(path) as archive:
+            if len(set(archive.namelist())) < len(archive.namelist()):
+                raise DatasetError(f"{path}: holds two files of one name, as no recorded drive does")
             if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
                 raise DatasetError(f"{path}: unpacks to more than {MOST_BYTES >> 20} MiB")
             members = [member for member in archive.infolist() if only in (None, member.filename)]

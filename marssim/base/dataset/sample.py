@@ -252,8 +252,8 @@ def _read_image(path: Path, shape: tuple[int, ...], dtype: type[np.generic]) -> 
     except OSError as error:
         raise DatasetError(f"{path}: {(error.strerror or str(error)).lower()}") from None
     sizes = " x ".join(str(n) for n in (shape[1], shape[0], *shape[2:]))
-    if data.startswith(MAGIC) and (size := png_size(data)) != shape[:2]:
-        raise DatasetError(f"{path}: must be {sizes} px as the rig says, is {size[1]} x {size[0]} px")
+    if data.startswith(MAGIC) and len(data) > 24 and (size := png_size(data)) != shape[:2]:
+        raise DatasetError(f"{path}: must be {shape[1]} x {shape[0]} px as the rig says, is {size[1]} x {size[0]} px")
     image = decode_png(data)
     if image is None:
         raise DatasetError(f"{path}: not a readable image")

@@ -24,7 +24,7 @@ def check_viewer() -> None:
 
 
 def show(shots: Sequence[Shot], title: str) -> None:
-    """Show shots on a page until Ctrl-C or SIGTERM; both end it without an error.
+    """Show shots on a page until Ctrl-C or another signal that stops it; they end it without an error.
 
     Args:
         shots: What it shows, at least one.

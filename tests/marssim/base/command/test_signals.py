@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -108,6 +109,7 @@ def work():
             print("begun", flush=True)
             time.sleep(60)
         finally:
+            time.sleep(0.5)
             Path(sys.argv[1]).write_text("saved")
 
 sys.exit(exit_code(work))
@@ -122,6 +124,8 @@ def test_a_terminal_that_is_closed_ends_a_command_in_order(tmp_path, kind, code)
         os.execv(sys.executable, [sys.executable, "-c", CLOSED, str(tmp_path / "result"), kind])
     assert os.read(terminal, 100).startswith(b"begun")
     os.close(terminal)
+    time.sleep(0.1)
+    os.kill(child, signal.SIGHUP)  # a shell sends another one
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == code
     assert (tmp_path / "result").read_text() == "saved"
 

@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.camera import NATECAM
+from marssim.base.dataset import sample as sample_module
 from marssim.base.dataset.dataset import StereoDataset, split_of, write_index
 from marssim.base.dataset.frame import StereoFrame
 from marssim.base.dataset.sample import IMAGES, is_complete, read_sample, sample_digest, write_sample
 from marssim.base.files.json_file import DatasetError, read_json, write_json
+from marssim.base.files.png import decode_png, encode_png
 from marssim.base.pose import look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor, SensorConfig
@@ -206,6 +208,19 @@ def test_a_rig_of_another_image_size_is_named(dataset):
     meta["rig"]["width"] = 512
     file.write_text(json.dumps(meta))
     with pytest.raises(DatasetError, match=r"512 x 80"):
+        StereoDataset(dataset)[0]
+
+
+def test_an_image_of_another_size_is_refused_before_it_is_decoded(dataset, monkeypatch):
+    file = dataset / "scenes" / NAMES[0] / "surface.png"
+    file.write_bytes(encode_png(np.zeros((300, 400), np.uint16)))
+    decoded = []
+    monkeypatch.setattr(sample_module, "decode_png", lambda data: decoded.append(data) or decode_png(data))
+    with pytest.raises(DatasetError, match=r"surface\.png: must be \d+ x \d+ px as the rig says, is 400 x 300 px$"):
+        StereoDataset(dataset)[0]
+    assert file.read_bytes() not in decoded
+    file.write_bytes(file.read_bytes()[:20])
+    with pytest.raises(DatasetError, match=r"surface\.png: not a readable image$"):
         StereoDataset(dataset)[0]
 
 

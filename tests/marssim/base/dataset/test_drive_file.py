@@ -51,6 +51,12 @@ def packed(path, packing):
             archive.writestr(member, data)
 
 
+def twice(path):
+    """The archive with one more file of the index's name."""
+    with pytest.warns(UserWarning, match="Duplicate name"), zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(INDEX, b"{}")
+
+
 def edited(path, *keys, value):
     """The index with the value at some keys replaced."""
 
@@ -139,6 +145,7 @@ def test_a_wrong_value_is_named_in_one_line(file, keys, value, fault):
     (lambda path: rewritten(path, lambda data: b"[1, 2"), "drive.json: is not JSON"),
     (lambda path: rewritten(path, lambda data: b"<svg>", "left/0000.jpg"), "left/0000.jpg is no JPEG file"),
     (lambda path: packed(path, zipfile.ZIP_LZMA), "is not a whole zip archive"),
+    (lambda path: twice(path), "holds two files of one name"),
     (lambda path: rewritten(path, lambda data: b"GIF", "depth/0000.png"), "depth/0000.png is no PNG file"),
 ])  # fmt: skip
 def test_a_file_that_is_broken_or_holds_something_else_is_refused_in_one_line(file, damage, fault):
