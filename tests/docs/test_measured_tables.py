@@ -63,7 +63,7 @@ def test_the_drives_of_the_policy_are_those_of_their_files() -> None:
 
 
 def test_the_scores_of_real_pairs_are_those_of_their_files() -> None:
-    labels = {"**M3Depth lite**": "M3Depth", "M3Depth, weights of 0.1.0": "0.1.0"}
+    labels = {"**M3Depth**": "M3Depth", "M3Depth, weights of 0.1.0": "0.1.0"}
     table_rows = rows("depth.md", "## Real pairs\n")
     assert len(table_rows) == 4 * len(REAL_PAIRS)
     for number, (_, method, *cells) in enumerate(table_rows):
@@ -297,7 +297,7 @@ def test_the_drives_of_learned_networks_over_smooth_dust_are_those_of_their_file
 
 
 def test_the_scores_on_unseen_scenes_are_those_of_their_files() -> None:
-    labels = {"M3Depth lite": "M3Depth", "M3Depth, weights of 0.1.0": "release_0.1", "SGBM, filled": "SGBM"}
+    labels = {"M3Depth": "M3Depth", "M3Depth, weights of 0.1.0": "release_0.1", "SGBM, filled": "SGBM"}
     labels["SGBM-HH, filled"] = "SGBM-HH"
     sets = {"clean": "clean", "degraded": "degraded", "sun at 10 deg": "sun10", "smooth dust": "dust"}
     files = [json.loads((ROOT / f"depth/{name}.json").read_text()) for name in ("all_512", "all_1024", "dust", "clean")]
@@ -348,7 +348,7 @@ def test_the_drives_of_the_methods_are_those_of_their_file(method_drives) -> Non
 def test_the_figures_of_the_first_page_are_those_of_the_results() -> None:
     page = " ".join((ROOT.parent / "index.md").read_text().split())
     errors = {(row[0], row[1].strip("*")): row[2] for row in rows("depth.md", "## On unseen scenes\n")}
-    ours, classical = (errors["512 px, clean", method] for method in ("M3Depth lite", "SGBM-HH, filled"))
+    ours, classical = (errors["512 px, clean", method] for method in ("M3Depth", "SGBM-HH, filled"))
     assert f"is {ours} with M3Depth and {classical} with OpenCV's semi-global matching" in page
     truth, m3depth, sgbm, _ = (cell.partition(",")[0] for cell in rows("marsnav-v1.md", "## On test")[-1][2:])
     others = f"{sgbm.partition(' ')[0]} with OpenCV's SGBM and {truth.partition(' ')[0]} with the true depth"
