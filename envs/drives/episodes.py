@@ -227,18 +227,18 @@ def run_episode(
 
     Raises:
         ValueError: If the cell names a condition, and the environment was made with another or without any.
-        ActionError: If the driver returns neither an action nor a Stop; the message names the driver.
+        ActionError: If the driver returns neither an action nor a Stop; the message names driver, step and course.
         UserCodeError: If a driver or a perception of the user raises an exception; the message names step and course.
     """
     code = code_digest()  # before the drive, as the sources may be edited during it
     log = _Log()
     try:
         _drive(env, driver, cell, course_options(cell, seed, episode), log, watch)
-    except ActionError as error:
-        raise ActionError(f"driver {names[0]!r}: {error}") from None
-    except UserCodeError as error:
-        where = f"step {len(log.states)} of course {episode}, {cell.name}, by {names[0]} and {names[1]}"
-        raise UserCodeError(f"{where}: {error}") from error.__cause__
+    except (ActionError, UserCodeError) as error:
+        where = f"step {len(log.states)} of course {episode}, {cell.name}"
+        if isinstance(error, ActionError):
+            raise ActionError(f"driver {names[0]!r}, {where}: {error}") from None
+        raise UserCodeError(f"{where}, by {names[0]} and {names[1]}: {error}") from error.__cause__
     assert env.course is not None
     steps, info = len(log.states) - 1, log.info
     return EpisodeRecord(

@@ -209,32 +209,41 @@ class Unreadable:
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (None, r"^driver 'mine': action must be of shape \(3,\), got None$"),
-        ([1.0, 0.0], r"^driver 'mine': action must be of shape \(3,\), got \[1\.0, 0\.0\]$"),
-        ("left", r"^driver 'mine': action must be numbers of shape \(3,\), got 'left': its numbers are of type <U4$"),
-        ([np.nan, 0.0, 0.0], r"^driver 'mine': action must be finite, got \[nan, 0\.0, 0\.0\]$"),
+        (None, r"action must be of shape \(3,\), got None$"),
+        ([1.0, 0.0], r"action must be of shape \(3,\), got \[1\.0, 0\.0\]$"),
+        (
+            "left",
+            r"action must be numbers of shape \(3,\), got 'left': its numbers are of type <U4$",
+        ),
+        ([np.nan, 0.0, 0.0], r"action must be finite, got \[nan, 0\.0, 0\.0\]$"),
         (
             ["1", "0", "0"],
-            r"^driver 'mine': action must be numbers .*, got \['1', '0', '0'\]: its numbers are of type <U1$",
+            r"action must be numbers .*, got \['1', '0', '0'\]: its numbers are of type <U1$",
         ),
         (
             [1j, 0, 0],
-            r"^driver 'mine': action must be numbers .*, got \[1j, 0, 0\]: its numbers are of type complex128$",
+            r"action must be numbers .*, got \[1j, 0, 0\]: its numbers are of type complex128$",
         ),
-        (np.ma.masked_invalid([np.nan, 0, 0]), r"^driver 'mine': action must be finite, got masked_array"),
+        (
+            np.ma.masked_invalid([np.nan, 0, 0]),
+            r"action must be finite, got masked_array",
+        ),
         (
             torch.ones(3, requires_grad=True),
-            r"^driver 'mine': action must be numbers .* got tensor.*: Can't call numpy",
+            r"action must be numbers .* got tensor.*: Can't call numpy",
         ),
-        (Unreadable(), r"^driver 'mine': action must be numbers of shape \(3,\), got Unreadable: no array here$"),
+        (
+            Unreadable(),
+            r"action must be numbers of shape \(3,\), got Unreadable: no array here$",
+        ),
     ],
 )
-def test_an_answer_that_is_no_action_names_the_driver(env, answer, message):
+def test_an_answer_that_is_no_action_names_driver_step_and_course(env, answer, message):
     class Mine(Standing):
         def act(self, env, observation):
             return answer
 
-    with pytest.raises(ActionError, match=message):
+    with pytest.raises(ActionError, match=rf"^driver 'mine', step 1 of course 0, k=preset, \S+: {message}"):
         run_episode(env, Mine(), Cell(), 5, 0, ("mine", ""))
 
 
