@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import llvmlite.binding
@@ -63,11 +63,18 @@ def kept_arrays(
     return arrays
 
 
+def _version(package: str) -> str:
+    """Return the version of a package; empty without its metadata, as in a frozen program."""
+    with suppress(PackageNotFoundError):
+        return version(package)
+    return ""
+
+
 def _stamp(owner: Callable[..., object]) -> bytes:
     """Return a digest of what the arrays depend on."""
     package = sys.modules[owner.__module__.partition(".")[0]]
     values = [
-        *(version(name) for name in PACKAGES), llvmlite.binding.get_host_cpu_name(),
+        *map(_version, PACKAGES), llvmlite.binding.get_host_cpu_name(),
         *(os.environ.get(name, "") for name in DISPATCH),
     ]  # fmt: skip
     return hashlib.sha256(folder_digest(Path(package.__file__ or "").parent) + "\0".join(values).encode()).digest()

@@ -93,6 +93,14 @@ def test_other_sources_processors_and_instructions_have_arrays_of_their_own(arra
         assert arrays()[1] == number and arrays()[1] == number
 
 
+def test_a_package_without_metadata_is_no_error(arrays, monkeypatch):
+    def missing(package):
+        raise module.PackageNotFoundError(package)
+
+    monkeypatch.setattr(module, "version", missing)
+    assert same(arrays()[0]) and arrays()[1] == 1
+
+
 def test_without_a_folder_to_write_the_arrays_are_made(arrays, folder, monkeypatch):
     monkeypatch.setattr(module, "write_atomically", lambda path, data: (_ for _ in ()).throw(OSError("full")))
     assert same(arrays()[0]) and arrays()[1] == 2 and not list(folder.rglob("*.npz"))
