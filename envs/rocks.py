@@ -22,8 +22,9 @@ import numpy as np
 from envs.rock_map import RULES, MapRockCounts, count_rocks, frame_map, true_rocks
 from envs.world.perception import load_perception
 from envs.world.user_code import errors_of
+from m3depth.checked_inference import checked_prediction
 from m3depth.datasets.config import Split
-from m3depth.estimator import Estimator, checked_prediction
+from m3depth.estimator import Estimator
 from m3depth.evaluation.report import EDGES, edges_table, has_edges, rocks_table, sky_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR

@@ -1,6 +1,7 @@
+from .checked_inference import EstimatorError
 from .datasets.config import DataConfig
 from .datasets.open import open_pairs
-from .estimator import Estimator, EstimatorError, EstimatorName, load_estimator
+from .estimator import Estimator, EstimatorName, load_estimator
 from .network.config import M3DepthConfig
 from .network.model import M3Depth
 from .stereo.classical import SGBM, BlockMatching

@@ -30,11 +30,11 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
+from m3depth.checked_inference import EstimatorError
 from m3depth.datasets.config import flag
 from m3depth.datasets.depth_check import depth_misfit
 from m3depth.datasets.labels import NO_NORMALS
 from m3depth.datasets.open import open_pairs
-from m3depth.estimator import EstimatorError
 from m3depth.evaluation.command.dependencies import dependencies, dependencies_without_truth
 from m3depth.evaluation.command.methods import loaded, named_estimators, scored_estimators
 from m3depth.evaluation.command.options import EvaluateOptions

@@ -6,7 +6,8 @@ from inspect import signature
 
 import numpy as np
 
-from m3depth.estimator import Estimator, gets_truth, inferred
+from m3depth.checked_inference import inferred
+from m3depth.estimator import Estimator, gets_truth
 from m3depth.stereo.filling import filled_prediction
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig

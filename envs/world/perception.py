@@ -10,7 +10,8 @@ import numpy as np
 
 from envs.world.eyes import EyesConfig
 from envs.world.user_code import errors_of
-from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, checked_prediction, load_estimator
+from m3depth.checked_inference import checked_prediction
+from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
 from m3depth.runtimes.choice import check_runtime
 from m3depth.stereo.rows import align_rows
 from marssim.base.camera import NATECAM, StereoRig
@@ -189,7 +190,7 @@ class Perception:
             pan: Pan of the mast [rad], positive to the left.
 
         Raises:
-            EstimatorError: If the estimator returns anything but a whole Prediction (m3depth.estimator).
+            EstimatorError: If the estimator returns anything but a whole Prediction.
             UserCodeError: If a class of the user raises an exception (envs.world.user_code).
         """
         sight = self._see(pose, pan)

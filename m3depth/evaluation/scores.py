@@ -120,7 +120,7 @@ class Scores:
         """Score one pair.
 
         Args:
-            prediction: Maps of the sample's size (m3depth.estimator.checked_prediction checks it).
+            prediction: Maps of the sample's size (m3depth.checked_inference.checked_prediction checks it).
             pair: The sample.
 
         Returns:

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from m3depth.checked_inference import errors_at, inferred
 from m3depth.datasets.labels import advice
 from m3depth.datasets.pair_files import SHIFT_KEY
-from m3depth.estimator import Estimator, errors_at, for_pair, gets_truth, inferred
+from m3depth.estimator import Estimator, for_pair, gets_truth
 from m3depth.evaluation.cost import Cost, measured
 from m3depth.evaluation.example import Example
 from m3depth.evaluation.recorded_maps import RecordedPredictions

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from m3depth.estimator import Estimator, EstimatorName, errors_at
+from m3depth.checked_inference import errors_at
+from m3depth.estimator import Estimator, EstimatorName
 from m3depth.prediction.files import RECORD, write_prediction
 from m3depth.prediction.one_pair import Method, PairPrediction, PreparedPair, method_record, predict_pair, prepare
 from m3depth.prediction.options import PredictOptions

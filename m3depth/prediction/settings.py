@@ -7,7 +7,8 @@ from inspect import Parameter, signature
 
 import numpy as np
 
-from m3depth.estimator import Estimator, inferred
+from m3depth.checked_inference import inferred
+from m3depth.estimator import Estimator
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import StereoRig
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from m3depth.checked_inference import inferred
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.folders import partners, warn_of_lone_rights
 from m3depth.datasets.image_files import image_size, read_pair
 from m3depth.datasets.open import sensors_are_named
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
-from m3depth.estimator import Estimator, inferred
+from m3depth.estimator import Estimator
 from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import nearest_without
 from m3depth.prediction.masks import is_valid_mask, read_valid, valid_mask

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-PIECE = 1 << 20  # [bytes] read at once: zipfile unpacks all that is asked for before it cuts to the size it was told
+PIECE = 1 << 20  # [bytes] read at once: zipfile may unpack as much as is asked for, whatever size the archive gives
 
 
 def read_member(archive: zipfile.ZipFile, name: str) -> bytes:

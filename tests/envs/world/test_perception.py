@@ -5,7 +5,7 @@ from envs.drivers.builtin import NavigatorDriver
 from envs.world.eyes import EyesConfig
 from envs.world.perception import Perception
 from envs.world.user_code import UserCodeError
-from m3depth.estimator import EstimatorError
+from m3depth.checked_inference import EstimatorError
 from m3depth.stereo.prediction import Prediction
 from m3depth.stereo.rows import row_misalignment
 from marssim.base.camera import NATECAM

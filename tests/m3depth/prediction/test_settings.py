@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from m3depth.estimator import EstimatorError
+from m3depth.checked_inference import EstimatorError
 from m3depth.prediction.settings import with_settings
 from m3depth.stereo.prediction import Prediction
 from marssim.base.camera import NATECAM

@@ -9,7 +9,8 @@ import pytest
 import torch
 from small_rivals import TINY, train_config
 
-from m3depth.estimator import checked_prediction, load_estimator
+from m3depth.checked_inference import checked_prediction
+from m3depth.estimator import load_estimator
 from m3depth.kinds.config import PresetName, preset_config
 from m3depth.kinds.networks import load_network, new_network
 from m3depth.network.config import PRESETS as M3DEPTH_PRESETS

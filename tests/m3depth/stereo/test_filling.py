@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from m3depth.estimator import EstimatorError, for_pair, gets_truth
+from m3depth.checked_inference import EstimatorError
+from m3depth.estimator import for_pair, gets_truth
 from m3depth.holes import FilledEstimator, UnfilledEstimator
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.filling import fill_background, filled_prediction
