@@ -204,7 +204,7 @@ function decidedStep() {
   goTo(coordinate(columns[0].drive, columns[0].drive.decided.step));
 }
 
-// No letters: who speaks to the computer would press them by words (WCAG 2.1.4).
+// No letters: speech input would trigger them by mistake (WCAG 2.1.4).
 const KEYS = {
   ArrowLeft: () => moveTo(index - 1), ArrowRight: () => moveTo(index + 1), PageUp: () => moveTo(index - 10),
   PageDown: () => moveTo(index + 10), Home: () => moveTo(0), End: () => moveTo(stops.length - 1), " ": play, Enter: decidedStep,

@@ -23,7 +23,7 @@ from marssim.base.files.atomic import write_atomically
 STAMP = "stamp"  # the array in a file that says what its others depend on
 DISPATCH = ("NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")  # variables that choose the instructions of numpy and BLAS
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "trimesh")  # which compute the arrays
-# RuntimeError: a bit that says that a file is encrypted
+# zipfile raises RuntimeError where a damaged bit marks a file as encrypted
 DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError)
 
 

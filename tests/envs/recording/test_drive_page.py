@@ -182,7 +182,7 @@ def test_the_page_opens_from_the_disk_and_its_time_line_moves_through_the_drive(
     body.send_keys(Keys.END, Keys.ENTER)
     assert now.text == first[0]  # from there on, each step brought the rover nearer to the goal
     position, play = browser.find_element(By.ID, "position"), browser.find_element(By.ID, "play")
-    position.send_keys(Keys.END, "d", "D", Keys.ENTER)  # letters do nothing: words that are spoken would press them
+    position.send_keys(Keys.END, "d", "D", Keys.ENTER)  # letters do nothing: speech input would trigger them
     assert now.text == first[0]
     position.send_keys(Keys.ARROW_RIGHT)
     play.send_keys(Keys.ENTER)
