@@ -65,7 +65,7 @@ DEFECTS = {
     ),
     "a prediction that nobody checks": Defect(
         "test_user_classes.py -k nonsense and m3depth.predict",
-        (("m3depth/estimator.py", '    caller = f"{type(estimator).__name__}.infer"\n    if not',
+        (("m3depth/checked_inference.py", '    caller = f"{type(estimator).__name__}.infer"\n    if not',
           '    return result\n    caller = f"{type(estimator).__name__}.infer"\n    if not'),),
     ),
     "a removed lock": Defect(
@@ -107,7 +107,7 @@ DEFECTS = {
     ),
     "images that a class may change": Defect(
         "test_user_classes.py -k input and m3depth.evaluate",
-        (("m3depth/estimator.py", "infer(left.copy(), right.copy(), rig", "infer(left, right, rig"),),
+        (("m3depth/checked_inference.py", "infer(left.copy(), right.copy(), rig", "infer(left, right, rig"),),
     ),
 }  # fmt: skip
 
