@@ -21,7 +21,6 @@ import tyro
 
 from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table, dots_without_each_course
 from envs.comparison.methods import methods_of, under_conditions, with_first
-from envs.comparison.plots import plot_comparison, plot_depth_metrics
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
 from envs.drives.report import failure_table
@@ -112,6 +111,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
 
 
 def _write(out: Path, content: Mapping[str, Any]) -> None:
+    from envs.comparison.plots import plot_comparison, plot_depth_metrics  # not at the top, since it loads matplotlib
+
     write_json(out / "comparison.json", content)
     write_atomically(out / "comparison.md", page(content).encode())
     plot_comparison(out / "comparison.png", content["rows"])

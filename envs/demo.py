@@ -32,7 +32,6 @@ from envs.world.vehicle import checked_dynamics
 from m3depth.estimator import Estimator, load_estimator
 from m3depth.evaluate import evaluate
 from m3depth.evaluation.report import text_table
-from m3depth.figures.comparison import comparison_figure
 from marssim.base.command.limits import check_least
 from marssim.base.command.notes import print_note
 from marssim.base.command.run import run_command
@@ -114,6 +113,8 @@ def _demo(config: DemoConfig, network: Estimator, sgbm: Estimator, started: floa
 
     print("2. depth and normals by M3Depth and by SGBM")
     result = evaluate(dataset, {"M3Depth": network, "SGBM": sgbm}, examples=3)
+    from m3depth.figures.comparison import comparison_figure  # not at the top, since it loads matplotlib
+
     comparison_figure(result.examples, config.out / "comparison.png")
     table = text_table(result.results)
     print(table)

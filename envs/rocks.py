@@ -29,7 +29,6 @@ from m3depth.evaluation.report import EDGES, edges_table, has_edges, rocks_table
 from m3depth.evaluation.rock_scene import rock_scene
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR
 from m3depth.evaluation.running_sums import SkyCounts
-from m3depth.figures.rocks import rocks_figure
 from m3depth.runtimes.choice import RuntimeChoice, recorded_runtime, runtime_sentence
 from m3depth.stereo.degradation import Degradation
 from marssim.base.command.limits import check_least
@@ -192,6 +191,8 @@ def _report(
     curve = {name: [_curve_point(step, counts) for step, counts in steps.items()] for name, steps in by_step.items()}
     content = {**about, "methods": results, "by_step": curve, "sky": sky, "per_pair": records}
     write_json(config.out / "results.json", content, sort_keys=False)
+    from m3depth.figures.rocks import rocks_figure  # not at the top, since it loads matplotlib
+
     rocks_figure(results, config.out / "rocks.png")
     degraded = f", degraded by `{config.degrade}`" if config.degrade else ""
     lines = [

@@ -44,8 +44,6 @@ from m3depth.evaluation.resume import SavedState, SavedStateError
 from m3depth.evaluation.scoring import RESERVED, Evaluation, Method, chosen_pairs, evaluate
 from m3depth.evaluation.without_truth.pairs import are_without_truth, image_pairs
 from m3depth.evaluation.without_truth.run import FIGURE, score_without_truth
-from m3depth.figures.evaluation import draw_evaluation
-from m3depth.figures.side_by_side import draw_side_by_side
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.pairs import StereoPairs, scored_depths, spread
 from marssim.base.command.progress import watched
@@ -104,6 +102,8 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         dataset: The pairs, from `prepare`.
         methods: The methods by the name of their column, from `prepare`.
     """
+    from m3depth.figures.evaluation import draw_evaluation  # not at the top, since it loads matplotlib
+
     degradation = None if options.degrade is None else Degradation.parse(options.degrade)
     estimators = scored_estimators(options)
     saved_state = SavedState(options.out, dependencies(options, dataset, estimators))
@@ -181,6 +181,8 @@ def _work(options: EvaluateOptions) -> None:
 
 def _work_without_truth(options: EvaluateOptions) -> None:
     """Score the methods on pairs of images alone."""
+    from m3depth.figures.side_by_side import draw_side_by_side  # not at the top, since it loads matplotlib
+
     default = EvaluateOptions(options.data, options.out)
     for name in ("split", "predictions", "degrade", "seed", "max_disparity"):
         if getattr(options, name) != getattr(default, name):

@@ -39,7 +39,6 @@ from marssim.base.results.out_folder import check_folder
 from marssim.base.view.show import check_viewer, show
 from marssim.inspection.cross_check import cross_check
 from marssim.inspection.cross_check import table as table_of_renderers
-from marssim.inspection.figures import sample_figure, statistics_figure
 from marssim.inspection.integrity import Finding, check_extra, check_index, check_samples, check_trajectories
 from marssim.inspection.shots import dataset_shots
 from marssim.inspection.statistics import SampleStatistics, table
@@ -182,6 +181,8 @@ def show_sample(config: VerifyConfig, dataset: StereoDataset, name: str) -> list
         DatasetError: There is no such sample, or one of its files is broken.
         OSError: A file cannot be written.
     """
+    from marssim.inspection.figures import sample_figure  # not at the top, since it loads matplotlib
+
     if name not in dataset.names:
         like = f"names look like {dataset.names[0]}" if dataset.names else "it has none at all"
         raise DatasetError(f"--sample {name}: {dataset.path} has no such sample; {like}")
@@ -243,6 +244,8 @@ def _folder(path: Path, thing: str) -> ResultFolder:
 
 def _report(config: VerifyConfig, dataset: StereoDataset) -> bool:
     """Check a dataset, print and write the results, and return whether all is well."""
+    from marssim.inspection.figures import statistics_figure  # not at the top, since it loads matplotlib
+
     out = config.results(dataset)
     findings, statistics = verify_dataset(config, dataset)
     pairs = {name: sum(s["split"] == name for s in dataset.index["samples"]) for name in SPLITS}

@@ -35,7 +35,7 @@ QUICK = (
     "marssim/physics/test_linkage.py",
     "m3depth/network/test_wavelet.py", "m3depth/network/test_geometry.py", "m3depth/network/test_cost_volume.py",
     "m3depth/training/test_losses.py", "m3depth/evaluation/test_metrics.py", "m3depth/stereo/test_plane_normals.py",
-    "m3depth/test_estimator.py", "m3depth/test_checked_inference.py",
+    "m3depth/test_estimator.py", "m3depth/test_checked_inference.py", "hostile/test_planted.py",
     "nav/test_controller.py", "nav/ground/", "nav/path/test_planner.py", "nav/path/test_footprint.py",
     "envs/drives/test_metrics.py", "envs/world/test_odometry.py", "envs/observation/test_spaces.py",
 )  # fmt: skip

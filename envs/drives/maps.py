@@ -14,25 +14,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
+from envs.drives.colours import OTHER_COLOUR, OUTCOME_COLOURS, ROCK_COLOUR, WAY_COLOUR
 from envs.drives.episodes import EpisodeRecord
 from envs.world.referee import GOAL_RADIUS
 from m3depth.figures.drawing import legend_labels, plain_label, save
 from marssim.base.rover_spec import ZHURONG
 from nav.path.footprint import footprint_corners
 
-OUTCOME_COLOURS = {
-    "goal": "#2a9d5c", "collision": "#d1495b", "tilt": "#8e44ad", "stuck": "#e08e45", "time": "#5c6b7a",
-    "out_of_bounds": "#b08968", "no_path": "#264653", "elsewhere": "#3a86c8",
-}  # fmt: skip
 # Line styles, one for each driver and perception; a pair is an offset, and lengths of dashes and gaps.
 LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 2, 2, 2)))
-ROCK_COLOUR, WAY_COLOUR, WAY_WIDTH = "#9a938c", "#f4d58d", 3.5
+WAY_WIDTH = 3.5
 CONTOURS, MOST_CONTOURS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 20  # intervals [m], and the most contours on a map
 END_MARKS = {  # matplotlib's marker where a drive ended, and its size [pt]: colours alone do not tell all readers apart
     "goal": ("o", 3.5), "collision": ("X", 6), "tilt": ("^", 5.5), "stuck": ("s", 4.5), "time": ("D", 4.5),
     "out_of_bounds": (">", 5.5), "no_path": ("v", 5.5), "elsewhere": ("P", 6),
 }  # fmt: skip
-OTHER_MARK, OTHER_COLOUR = ("h", 5), "#333333"  # of outcomes that this version does not have
+OTHER_MARK = ("h", 5)  # of outcomes that this version does not have
 COLUMNS, ROWS = 5, 4  # courses on a page
 PANEL, NARROWEST = 3.6, 7.2  # [in] width of a course, and least width of a page, for its title and legend
 AROUND = 5.0  # [m] shown before the start and behind the goal

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.drives.episodes import NEAR_MISS, Cell, EpisodeRecord
-from envs.drives.maps import plot_maps
 from envs.drives.metrics import UNREACHABLE_MARK, count_failures
-from envs.drives.plots import plot_success
 from envs.world.referee import GOAL_RADIUS
 from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
 from m3depth.evaluation.running_sums import NEAR_GROUND
@@ -46,6 +44,9 @@ def write_report(out: Path, content: dict[str, Any], records: Sequence[EpisodeRe
         content: The content of results.json.
         records: The records of all drives.
     """
+    from envs.drives.maps import plot_maps  # not at the top, since it loads matplotlib
+    from envs.drives.plots import plot_success
+
     head = settings(content["driven_with"]) + states_of_the_code(records)
     page = f"{head}\n{table(content['results'])}\n{differences(content['differences'])}"
     page += failures(records) + looks_without_depth(records) + ground_as_sky(records) + soil(content["results"])

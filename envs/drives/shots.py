@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.colors import to_rgb
 from scipy.ndimage import map_coordinates
 
+from envs.drives.colours import OTHER_COLOUR, OUTCOME_COLOURS, ROCK_COLOUR, WAY_COLOUR
 from envs.drives.episodes import EpisodeRecord
-from envs.drives.maps import OUTCOME_COLOURS, ROCK_COLOUR, WAY_COLOUR
 from marssim.base.camera import NATECAM
 from marssim.base.pose import look_pose
 from marssim.base.rover_spec import ZHURONG
@@ -123,7 +122,7 @@ def _view(drives: Sequence[EpisodeRecord]) -> View:
     lines = course_lines(first)
     for record in drives:
         name = f"{record.driver}, {record.perception}: {record.outcome}"
-        colour = _rgb(OUTCOME_COLOURS.get(record.outcome, "#333333"))
+        colour = _rgb(OUTCOME_COLOURS.get(record.outcome, OTHER_COLOUR))
         track = np.array(record.track)
         if len(track) > 1:
             lines.append(Line(name, _on_ground(record, track), colour))
@@ -141,5 +140,5 @@ def _on_ground(record: EpisodeRecord, places: np.ndarray) -> np.ndarray:
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * value) for value in to_rgb(colour))
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue

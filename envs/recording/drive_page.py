@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.drives.colours import OUTCOME_COLOURS
 from envs.drives.episodes import Cause
-from envs.drives.maps import OUTCOME_COLOURS
 from envs.recording.code_colours import code_colours
 from envs.recording.failure_cause import IN_WORDS
 from envs.recording.page_colours import colour_rules

@@ -8,7 +8,7 @@ from __future__ import annotations
 from colorsys import hls_to_rgb, rgb_to_hls
 from functools import cache
 
-from envs.drives.maps import OUTCOME_COLOURS
+from envs.drives.colours import OUTCOME_COLOURS
 
 PAPERS = {"light": "#f6f2ec", "dark": "#1d1a18"}  # --paper of page.css
 STRIPE_CONTRAST = 3.0  # least contrast of a stripe of the time line with the paper (WCAG 1.4.11)

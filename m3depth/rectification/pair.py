@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from m3depth.rectification.matches import matched_points
 from m3depth.rectification.raw_image import RawImage, for_matching
@@ -214,7 +214,7 @@ def _fitted(
 def _alike(left: np.ndarray, right: np.ndarray, step: float) -> np.ndarray:
     """Return which matches (N,) have a disparity like that of their neighbours in the left image, within `step` px."""
     disparity = (left - right)[:, 0]
-    _, near = cKDTree(left).query(left, k=min(NEIGHBOURS, len(left)))
+    _, near = scipy.spatial.cKDTree(left).query(left, k=min(NEIGHBOURS, len(left)))
     return np.abs(disparity - np.median(disparity[near], axis=1)) <= step
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from marssim.base.rover_spec import RoverSpec
 from marssim.physics.linkage import AXLES, SIDES, Joints, Linkage
+
+if TYPE_CHECKING:  # a third of the start of a drive, and only pictures from outside need it
+    import trimesh
 
 BEAM = 0.05  # [m] diameter of rockers, bogies and the mast
 GOLD, GREY, DARK, WHITE, PANEL = (196, 160, 84), (150, 150, 152), (48, 48, 50), (226, 224, 218), (32, 40, 74)
@@ -88,20 +91,28 @@ def _pieces(spec: RoverSpec) -> list[tuple[str, np.ndarray, np.ndarray, Colour]]
 
 
 def _box(centre, size) -> trimesh.Trimesh:
+    import trimesh
+
     return trimesh.creation.box(extents=size, transform=trimesh.transformations.translation_matrix(centre))
 
 
 def _beam(start, end) -> trimesh.Trimesh:
+    import trimesh
+
     return trimesh.creation.cylinder(radius=BEAM / 2, segment=np.array([start, end], dtype=float), sections=10)
 
 
 def _cylinder(centre, axis: str, radius: float, length: float) -> trimesh.Trimesh:
+    import trimesh
+
     half = np.eye(3)["xyz".index(axis)] * length / 2
     return trimesh.creation.cylinder(radius=radius, segment=np.array([centre - half, centre + half]), sections=24)
 
 
 def _wheel(spec: RoverSpec) -> trimesh.Trimesh:
     """Return a rim with grousers, which make its rotation visible."""
+    import trimesh
+
     pieces = [_cylinder((0, 0, 0), "y", spec.wheel_radius - 0.008, spec.wheel_width)]
     for angle in np.arange(18) * 2 * np.pi / 18:
         turn = trimesh.transformations.rotation_matrix(angle, (0, 1, 0))

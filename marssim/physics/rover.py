@@ -6,7 +6,7 @@ import os
 import tempfile
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from marssim.physics.body import Part, rover_parts
 from marssim.physics.kinematics import settle
@@ -259,4 +259,4 @@ def _pressed(point: tuple) -> bool:
 
 def _quaternion(turn: np.ndarray) -> list[float]:
     """Return the quaternion x, y, z, w of a (3, 3) rotation."""
-    return Rotation.from_matrix(turn).as_quat().tolist()
+    return scipy.spatial.transform.Rotation.from_matrix(turn).as_quat().tolist()

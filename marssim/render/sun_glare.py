@@ -12,16 +12,16 @@ depends on its shape.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
-from scipy.integrate import quad
+import scipy
 
 from marssim.base.camera import PinholeCamera
 from marssim.render.renderers.renderer import Renderer
 from marssim.render.surfaces.daylight import Daylight
 
 CORE = float(np.deg2rad(1.0))  # [rad] angle from the sun within which the scattered light no longer grows
-# so that all that is scattered over a half space adds up to 1
-PER_STERADIAN = 1 / (2 * np.pi * quad(lambda angle: np.sin(angle) / (angle**2 + CORE**2), 0, np.pi / 2)[0])
 
 
 def sun_glare(renderer: Renderer, light: Daylight, camera: PinholeCamera, pose: np.ndarray, share: float) -> np.ndarray:
@@ -45,6 +45,13 @@ def sun_glare(renderer: Renderer, light: Daylight, camera: PinholeCamera, pose: 
     towards_sun = (rays @ sun) / np.linalg.norm(rays, axis=-1)
     angle = np.arccos(np.clip(towards_sun, -1, 1))
     # light on a surface is pi times the radiance of a white one under it
-    scattered = share * free * sun[2] * np.pi * PER_STERADIAN / (angle**2 + CORE**2)
+    scattered = share * free * sun[2] * np.pi * per_steradian() / (angle**2 + CORE**2)
     veil: np.ndarray = scattered[..., None].astype(np.float32) * light.sunlight
     return veil
+
+
+@cache
+def per_steradian() -> float:
+    """Return the factor with which all that is scattered over a half space adds up to 1 [1/sr]."""
+    half_space, _ = scipy.integrate.quad(lambda angle: np.sin(angle) / (angle**2 + CORE**2), 0, np.pi / 2)
+    return 1 / (2 * np.pi * half_space)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from marssim.base.pose import look_pose
 from marssim.base.rover_spec import ZHURONG, RoverSpec
@@ -136,7 +136,7 @@ def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
     """
     lines = ["# left camera (x right, y down, z forward) to world (z up); timestamp [s] tx ty tz [m] qx qy qz qw"]
     for time, pose in zip(times, np.asarray(poses, dtype=float)):
-        numbers = (*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
+        numbers = (*pose[:3, 3], *scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
         lines.append(f"{time:.6f} " + " ".join(f"{number:.9f}" for number in numbers))
     return "\n".join(lines) + "\n"
 

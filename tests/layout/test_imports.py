@@ -7,12 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from marssim.base.command.listing import COMMANDS
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("marssim", "m3depth", "nav", "envs")
 FACES = {"camera", "dataset"}  # of marssim.base, at marssim's door
 HEAVY = {
     "marssim.scene", "marssim.render", "marssim.physics", "marssim.engines", "pybullet", "embreex", "torch",
     "matplotlib.pyplot",
+}  # fmt: skip
+LATE = {  # what a command loads when its work needs it, and not to print its help or a mistake
+    "torch", "pybullet", "embreex", "matplotlib.figure", "trimesh", "scipy.integrate", "scipy.spatial", "distributed",
+    "rosbags",
 }  # fmt: skip
 MOST_FILES = 16
 
@@ -68,3 +74,12 @@ def test_an_import_loads_no_more_than_it_needs(program):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert not HEAVY & set(done.stdout.split())
+
+
+def test_commands_load_what_draws_and_what_few_need_when_they_need_it():
+    commands = {f"{package}.{name}" for package, names in COMMANDS.items() for name in names}
+    commands -= {"marssim.mesh", "m3depth.texture"}  # which write a mesh or draw, whatever they are asked
+    code = f"import {', '.join(sorted(commands))}, sys; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert not LATE & set(done.stdout.split())

@@ -238,7 +238,7 @@ def test_a_name_given_twice_is_refused(folder, tmp_path, capsys, monkeypatch):
 
 
 def test_every_classical_method_and_saved_predictions_in_one_run(folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     saved = tmp_path / "saved"
     saved.mkdir()
@@ -327,7 +327,7 @@ class Stops(Scaled):
 def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, capsys, monkeypatch, signal_number, kept):
     """Of four pairs. Without a signal, as by kill -9, only the state after the previous pair is saved."""
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda done, out: drawn.append(done))
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda done, out: drawn.append(done))
     drawn: list = []
     method = Stops(0, None)
     monkeypatch.setattr(f"{METHODS}.load_estimator", lambda spec, *_, **__: method)
@@ -361,7 +361,7 @@ def test_a_stopped_evaluation_continues_to_the_same_result(folder, tmp_path, cap
 def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_path, capsys, monkeypatch, change):
     """The command is the same; the content of its files, the device or the runtime has changed."""
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     module, weights, maps = tmp_path / "my_class_of_today.py", tmp_path / "w.safetensors", tmp_path / "maps"
@@ -401,7 +401,7 @@ def test_a_stopped_evaluation_does_not_continue_with_other_inputs(folder, tmp_pa
 
 def test_a_stopped_evaluation_continues_with_the_same_weights_by_another_path(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "w.safetensors").write_bytes(b"weights")
     (tmp_path / "elsewhere").mkdir()
@@ -417,7 +417,7 @@ def test_a_stopped_evaluation_of_another_network_does_not_continue_in_another_pr
     folder, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr("m3depth.evaluation.resume.SECONDS", 0.0)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     weights = tmp_path / "raft.safetensors"
     new_network(TINY["raft-stereo"]).save_pretrained(weights)
     out = tmp_path / "out"
@@ -453,7 +453,7 @@ def test_baselines_takes_every_classical_method_that_is_registered(names):
 
 def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys, monkeypatch):
     """make_frame shows up to 15 px."""
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     for limit, has_near in (("192", False), ("8", True)):
         out = tmp_path / limit
@@ -497,7 +497,7 @@ def test_several_weights_are_scored_in_one_table_under_names_of_their_own(folder
         return Scaled(1 + 0.1 * len(loaded))
 
     monkeypatch.setattr(f"{METHODS}.load_estimator", load)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     files = [tmp_path / name / "weights.safetensors" for name in ("first/run", "second/run", "third")]
     for file in files:
         file.parent.mkdir(parents=True)
@@ -520,7 +520,7 @@ def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatc
     test_set_errors = pytest.importorskip("envs.evaluation.test_set_errors")
     scales = {"sgbm": 1.1}
     monkeypatch.setattr(f"{METHODS}.load_estimator", lambda name, *_, **__: Scaled(scales.get(name, 1.2)))
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(b"weights")
     args = ["--data", str(folder), "--out", str(tmp_path / "out"), "--limit", "1", "--weights", str(weights)]
@@ -532,7 +532,7 @@ def test_the_drives_read_the_scores_of_each_weights(folder, tmp_path, monkeypatc
 
 def test_progress_is_printed_where_there_is_no_terminal(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     monkeypatch.setattr("marssim.base.command.progress.LINE_SECONDS", 0.0)
     assert main(["--data", str(folder), "--out", str(tmp_path / "out"), "--baselines", "none"]) == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("evaluate: ")]
@@ -543,7 +543,7 @@ def test_results_record_which_shipped_weights_were_scored(folder, tmp_path, monk
     shipped = tmp_path / "lite.safetensors"
     shipped.write_bytes(b"some weights")
     monkeypatch.setattr("m3depth.estimator.SHIPPED_WEIGHTS", shipped)
-    monkeypatch.setattr("m3depth.evaluate.draw_evaluation", lambda *_: None)
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
     monkeypatch.setattr(f"{METHODS}.load_estimator", _without_network)
     out = tmp_path / "out"
     assert main(["--data", str(folder), "--out", str(out), "--baselines", "none", "--limit", "1"]) == 0

@@ -26,7 +26,7 @@ def folder(closed_form_set, tmp_path) -> Path:
 def undrawn(monkeypatch) -> None:
     """Let empty files stand for the pictures of statistics and samples."""
     for name in ("statistics_figure", "sample_figure"):
-        monkeypatch.setattr(command, name, lambda *_: b"")
+        monkeypatch.setattr(f"marssim.inspection.figures.{name}", lambda *_: b"")
 
 
 def run(capfd, *args: object) -> tuple[int, str, str]:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from m3depth.prediction.options import PredictOptions
 from m3depth.rectification.files import rig_beside
@@ -151,7 +151,7 @@ def read_poses(path: Path, axes: str) -> np.ndarray:
         else:
             sound = np.abs(values[4:]).max() < 2 and abs(float(np.linalg.norm(values[4:])) - 1) < TOLERANCE
             if sound:
-                pose[:3, :3] = Rotation.from_quat(values[4:]).as_matrix()
+                pose[:3, :3] = scipy.spatial.transform.Rotation.from_quat(values[4:]).as_matrix()
             pose[:3, 3] = values[1:4]
         if not sound:
             raise ValueError(f"{path}, line {number}: holds no rotation")

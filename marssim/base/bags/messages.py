@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from marssim.base.bags.library import new_message
 from marssim.base.camera import PinholeCamera, StereoRig
@@ -115,7 +115,7 @@ def path_message(stamp: int, frame: str, path: np.ndarray) -> Any:
         pose = np.eye(4)
         pose[:3, 3] = place
         after = path[min(number + 1, len(path) - 1)] - path[max(min(number, len(path) - 2), 0)]
-        pose[:3, :3] = Rotation.from_euler("z", np.arctan2(after[1], after[0])).as_matrix()
+        pose[:3, :3] = scipy.spatial.transform.Rotation.from_euler("z", np.arctan2(after[1], after[0])).as_matrix()
         poses.append(stamped_pose_message(stamp, frame, pose))
     return new_message("nav_msgs/Path", header=header(stamp, frame), poses=poses)
 
@@ -156,5 +156,5 @@ def _xyz(values: Sequence[float] | np.ndarray) -> dict[str, float]:
 
 
 def _quaternion(pose: np.ndarray) -> Any:
-    values = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
+    values = scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
     return new_message("geometry_msgs/Quaternion", **dict(zip("xyzw", map(float, values), strict=True)))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from marssim.base.bags.names import MOVING_FRAMES, STATIC_FRAMES
 from marssim.base.bags.reader import Bag, stamp_of
@@ -92,5 +92,5 @@ def _pose(position: Any, turn: Any) -> np.ndarray | None:
     out[:3, 3] = position.x, position.y, position.z
     if not np.isfinite(out).all() or not 0.5 < np.linalg.norm(quaternion) < 2:
         return None
-    out[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    out[:3, :3] = scipy.spatial.transform.Rotation.from_quat(quaternion).as_matrix()
     return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+import scipy
 
 from marssim.base.bags.names import BASE_LINK, MAP, ODOM
 
@@ -147,9 +147,9 @@ class Transforms:
             return None
         first, second = int(times[after - 1]), int(times[after])
         share = (stamp - first) / (second - first)
-        turns = Rotation.from_matrix([poses[first][:3, :3], poses[second][:3, :3]])
+        turns = scipy.spatial.transform.Rotation.from_matrix([poses[first][:3, :3], poses[second][:3, :3]])
         out = np.eye(4)
-        out[:3, :3] = Slerp([0, 1], turns)(share).as_matrix()
+        out[:3, :3] = scipy.spatial.transform.Slerp([0, 1], turns)(share).as_matrix()
         out[:3, 3] = (1 - share) * poses[first][:3, 3] + share * poses[second][:3, 3]
         return out
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from marssim.base.camera import StereoRig
 from marssim.base.view.placing import reach_of
@@ -151,7 +151,10 @@ def linear_colours(colours: np.ndarray) -> np.ndarray:
 
 def _placed(pose: np.ndarray) -> dict[str, Any]:
     """Return where viser places a node: its rotation as quaternion (w, x, y, z), and its position [m]."""
-    return {"wxyz": np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1), "position": pose[:3, 3]}
+    return {
+        "wxyz": np.roll(scipy.spatial.transform.Rotation.from_matrix(pose[:3, :3]).as_quat(), 1),
+        "position": pose[:3, 3],
+    }
 
 
 def _frustum(rig: StereoRig, scale: float) -> dict[str, Any]:

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import Voronoi
-from scipy.special import ndtri
+import scipy
 
 from marssim.scene.outcrop.config import Traits
 from marssim.scene.outcrop.laying import LEAST_ANGLE, lay_slabs
@@ -60,7 +59,7 @@ def draw_slabs(
     if traits.slabs == 0:
         return []
     patches, disturbed = Waves.draw(*PATCH, rng), Waves.draw(*DISTURBED, rng)
-    threshold = float(ndtri(1 - traits.slabs))
+    threshold = float(scipy.special.ndtri(1 - traits.slabs))
     reach = min(REACH * half, half + FARTHEST, horizon - 1)
     corners, count = _sheet(traits.slab_size, reach, lambda xy: patches.at(xy) - threshold, rng)
     if len(count) == 0:
@@ -91,7 +90,7 @@ def _sheet(
     near = (np.abs(world).max(axis=1) < reach + 2 * cell) & (margin_at(world) > -FARTHER)
     if near.sum() < 4:
         return np.zeros((0, 3, 2)), np.zeros(0, int)
-    diagram = Voronoi(sites[near])
+    diagram = scipy.spatial.Voronoi(sites[near])
     inside = np.flatnonzero((np.abs(world[near]).max(axis=1) < reach) & (margin_at(world[near]) > 0))
     regions = [diagram.regions[diagram.point_region[n]] for n in inside]
     closed = [region for region in regions if region and -1 not in region]

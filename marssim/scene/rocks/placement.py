@@ -7,7 +7,7 @@ largest to the smallest, and one that would lie on an earlier rock moves elsewhe
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 GAP = 1.08  # least distance of two centres, in mean diameters; above 1 because outlines are no discs
 LARGER_SHARE = 0.3  # share of the larger rocks, from the largest down, that others cluster around
@@ -39,7 +39,7 @@ def place(
         members = np.flatnonzero(outer == ring)
         parent[members] = members[(pick[members] * np.arange(len(members))).astype(int)]
     clustered = (rng.uniform(0, 1, n) < cluster) & (parent < np.arange(n))
-    placed: list[tuple[cKDTree, np.ndarray]] = []
+    placed: list[tuple[scipy.spatial.cKDTree, np.ndarray]] = []
     start = 0
     while start < n:  # classes of similar size, within a factor of two
         end = start + int(np.searchsorted(-diameter[start:], -0.5 * diameter[start], side="right"))
@@ -50,14 +50,14 @@ def place(
             bad = _clashes(xy[moving], diameter[moving], settled) if attempt < ROUNDS else np.zeros(0, dtype=int)
             good = np.delete(moving, bad)
             if len(good):
-                settled.append((cKDTree(xy[good]), diameter[good]))
+                settled.append((scipy.spatial.cKDTree(xy[good]), diameter[good]))
             moving = moving[bad]
             if len(moving) == 0:
                 break
             xy[moving] = _in_ring(inner[moving], outer[moving], rng)
             if attempt < CLUSTERED_ROUNDS:
                 xy[moving] = _beside(xy, diameter, parent, clustered, inner, outer, moving, attempt, rng)
-        placed.append((cKDTree(xy[start:end]), diameter[start:end]))
+        placed.append((scipy.spatial.cKDTree(xy[start:end]), diameter[start:end]))
         start = end
     out = np.empty_like(xy)
     out[order] = xy
@@ -90,9 +90,11 @@ def _beside(
     return np.where(near[:, None], beside, xy[members])
 
 
-def _clashes(xy: np.ndarray, diameter: np.ndarray, settled: list[tuple[cKDTree, np.ndarray]]) -> np.ndarray:
+def _clashes(
+    xy: np.ndarray, diameter: np.ndarray, settled: list[tuple[scipy.spatial.cKDTree, np.ndarray]]
+) -> np.ndarray:
     """Return the indices of the candidates that overlap a settled rock or an earlier candidate."""
-    tree = cKDTree(xy)
+    tree = scipy.spatial.cKDTree(xy)
     bad = np.zeros(len(xy), dtype=bool)
     for other, size in settled:
         limit = 0.5 * GAP * float(size.max() + diameter.max())

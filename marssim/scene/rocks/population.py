@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from marssim.scene.rocks.golombek import MAX_DIAMETER, draw_diameters, number_density
 from marssim.scene.rocks.placement import place
@@ -294,6 +294,6 @@ def _beside_large(at: np.ndarray, diameter: np.ndarray, xy: np.ndarray) -> np.nd
     free = np.ones(len(at), dtype=bool)
     large = np.flatnonzero(diameter > LARGE)
     if len(at) and len(large):
-        covered = cKDTree(at).query_ball_point(xy[large], diameter[large] / 2)
+        covered = scipy.spatial.cKDTree(at).query_ball_point(xy[large], diameter[large] / 2)
         free[np.concatenate([np.zeros(0, int), *covered]).astype(int)] = False
     return free

@@ -2,8 +2,9 @@ from dataclasses import replace
 
 import pytest
 
+from envs.drives.colours import OUTCOME_COLOURS
 from envs.drives.episodes import EpisodeRecord
-from envs.drives.maps import END_MARKS, OUTCOME_COLOURS, plot_maps
+from envs.drives.maps import END_MARKS, plot_maps
 
 DRIVE = EpisodeRecord(
     driver="navigator", perception="sgbm", cell="k=0.1, slope=5", episode=0, outcome="goal", steps=3, distance=0.5,

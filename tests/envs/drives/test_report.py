@@ -6,8 +6,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from envs.drivers.driver import Stop
+from envs.drives.colours import OUTCOME_COLOURS, WAY_COLOUR
 from envs.drives.episodes import Cell, EpisodeRecord
-from envs.drives.maps import OUTCOME_COLOURS, WAY_COLOUR, plot_maps
+from envs.drives.maps import plot_maps
 from envs.drives.metrics import FAILURES, effective_drives, summarise
 from envs.drives.plots import plot_success, pool_by
 from envs.drives.report import (

@@ -5,7 +5,7 @@ import re
 import pytest
 from recorded_drives import drive_of, step
 
-from envs.drives.maps import OUTCOME_COLOURS
+from envs.drives.colours import OUTCOME_COLOURS
 from envs.recording.drive_page import asset, drive_page
 from envs.recording.page_colours import (
     COLOURS,

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 from recorded_drives import step
 
-from envs.drives.maps import OUTCOME_COLOURS
+from envs.drives.colours import OUTCOME_COLOURS
 from envs.recording.drive_page import asset
 from envs.recording.page_colours import COLOURS
 

@@ -10,7 +10,7 @@ from marssim.base.pose import look_pose
 from marssim.render.renderers.embree_renderer import EmbreeRenderer
 from marssim.render.sensor import Sensor
 from marssim.render.stereo import render_stereo
-from marssim.render.sun_glare import CORE, PER_STERADIAN, sun_glare
+from marssim.render.sun_glare import CORE, per_steradian, sun_glare
 from marssim.render.surfaces.daylight import Daylight
 from marssim.render.surfaces.shading import Shader
 from marssim.scene.look import sun_direction
@@ -40,7 +40,7 @@ def glare(elevation_deg, azimuth_deg=0.0, share=1.0, free=1.0):
 
 def test_all_that_is_scattered_adds_up_to_the_share():
     angle = np.linspace(0, np.pi / 2, 200_001)
-    ring = 2 * np.pi * np.sin(angle) * PER_STERADIAN / (angle**2 + CORE**2)
+    ring = 2 * np.pi * np.sin(angle) * per_steradian() / (angle**2 + CORE**2)
     assert np.trapezoid(ring, angle) == pytest.approx(1, rel=1e-5)
 
 
@@ -53,7 +53,7 @@ def test_the_veil_falls_with_the_square_of_the_angle_from_the_sun(elevation, azi
     ])  # fmt: skip
     sun = np.array([-north, -up, east])  # camera frame: right is south, down, ahead is east
     angle = np.arccos(np.clip(rays @ sun / np.linalg.norm(rays, axis=-1), -1, 1))
-    assert np.allclose(veil * (angle**2 + CORE**2), np.pi * east * PER_STERADIAN, rtol=1e-4)
+    assert np.allclose(veil * (angle**2 + CORE**2), np.pi * east * per_steradian(), rtol=1e-4)
 
 
 def test_it_has_the_colour_of_the_sunlight_and_grows_with_the_share():

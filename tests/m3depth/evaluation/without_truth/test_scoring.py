@@ -197,7 +197,7 @@ def test_a_run_that_is_stopped_while_it_draws_keeps_its_scores(folder, tmp_path,
 
     monkeypatch.setattr("m3depth.evaluation.command.methods.named_estimators", classical)
     with monkeypatch.context() as patch:
-        patch.setattr("m3depth.evaluate.draw_side_by_side", stopped)
+        patch.setattr("m3depth.figures.side_by_side.draw_side_by_side", stopped)
         assert main(command(folder, tmp_path / "out")) == 130
     monkeypatch.setattr(run, "score_pair", stopped)
     assert main(command(folder, tmp_path / "out")) == 0
