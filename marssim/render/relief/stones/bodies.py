@@ -8,13 +8,14 @@ ground's cover asks for more stones of its octave than the stone's rank, so that
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from marssim.base.compute.compiled import compiled
+from marssim.base.compute.kept_arrays import kept_arrays
 
 SIZES = (0.005, 0.01, 0.02, 0.04, 0.08)  # [m] bounds of the octaves of diameters
 CELLS = 128  # cells along a side of each octave's grid; a cell is as wide as the octave's largest stone
@@ -70,7 +71,12 @@ def placed_stones(stones: Stones, octave: np.ndarray) -> Stones:
 
 @lru_cache(maxsize=4)
 def draw_stones(seed: int) -> Stones:
-    """Draw the stones of all octaves. None of them lie in the scene; see `placed_stones`."""
+    """Return the stones of all octaves, drawn or from a file. None of them lie in the scene; see `placed_stones`."""
+    return Stones(**kept_arrays(_drawn_stones, f"stones{seed}", partial(_drawn_stones, seed)))
+
+
+def _drawn_stones(seed: int) -> dict[str, np.ndarray]:
+    """Draw the arrays of Stones."""
     rng = np.random.default_rng((seed, 21))
     rows, starts, members, places, first, entries = [], [], [], [], 0, 0
     for low, high in pairwise(SIZES):
@@ -86,11 +92,12 @@ def draw_stones(seed: int) -> Stones:
     top = [float((1 / each[:, RISE] + each[:, MIDDLE]).max()) for each in rows]
     octave = np.zeros((len(rows), 7), dtype=np.float32)
     octave[:, SIDE], octave[:, TOP], octave[:, PER_SIDE] = SIZES[1:], top, 1 / np.array(SIZES[1:])
-    return Stones(
+    stones = Stones(
         start=np.concatenate(starts).astype(np.int32), member=np.concatenate(members).astype(np.int32),
         entry=np.concatenate(places).astype(np.float32), stone=stone.astype(np.float32),
         top=np.zeros(sum(map(len, starts)), dtype=np.uint8), planes=_planes(rng), octave=octave,
     )  # fmt: skip
+    return stones._asdict()
 
 
 def _octave(low: float, high: float, rng: np.random.Generator) -> np.ndarray:

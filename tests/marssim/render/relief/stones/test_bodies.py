@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from marssim.render.relief.stones import bodies
 from marssim.render.relief.stones.bodies import (
     BARE,
     CELLS,
@@ -132,4 +133,12 @@ def test_planes_cut_some_shapes_and_leave_others_round(stones):
 
 def test_a_draw_lays_no_stones_until_a_scene_says_how_many(stones):
     assert not stones.octave[:, [BARE, GRAVEL]].any()
-    assert np.array_equal(draw_stones(1).stone, stones.stone) and len(draw_stones(2).stone) != len(stones.stone)
+    assert len(draw_stones(2).stone) != len(stones.stone)
+
+
+def test_stones_from_a_file_are_those_that_are_drawn(stones):
+    draw_stones.cache_clear()  # the file is there by now, where the package's folder or the user's can be written
+    again, drawn = draw_stones(1), bodies._drawn_stones(1)
+    for name, array in stones._asdict().items():
+        assert np.array_equal(array, getattr(again, name)) and np.array_equal(array, drawn[name]), name
+        assert array.dtype == getattr(again, name).dtype == drawn[name].dtype
