@@ -77,6 +77,13 @@ class NavigatorConfig:
     """Drive steps without motion that mean an unseen obstacle."""
 
     def __post_init__(self) -> None:
+        parts = {"elevation": ElevationConfig, "traversability": TraversabilityConfig, "planner": PlannerConfig}
+        for name, kind in parts.items():
+            if not isinstance(getattr(self, name), kind):
+                raise ValueError(f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}")
+        levels = self.risk_levels
+        if not isinstance(levels, tuple) or not all(isinstance(level, RiskLevel) for level in levels):
+            raise ValueError(f"risk_levels must be a tuple of RiskLevel, () for none, got {levels!r}")
         check_range(
             self, step_time=(1e-3, 1e4), goal_radius=(0, 1e4), clear_radius=(0, 1e4), look_pan_deg=(0, 180),
             pan_reach_deg=(0, 180), look_before_turn_deg=(0, 360), seen_share=(0, 1), back_up=(0, 1e4),

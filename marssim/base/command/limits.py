@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
-from numbers import Integral
+from dataclasses import Field
+from numbers import Integral, Real
+from typing import cast
 
 LARGEST = 1e12  # magnitude of a number of any flag: larger ones overflow somewhere
 LARGEST_INTEGER = (1 << 64) - 1  # magnitude of an integer, as of seeds
 
 
 def check_least(config: object, **least: float) -> None:
-    """Check fields of a config against their least values. None passes.
+    """Check fields of a config against their least values. None passes where the field may be None.
 
     Args:
         config: A dataclass.
         least: Least value of each field, by the field's name.
 
     Raises:
-        ValueError: A value is smaller. The message begins with the field's name, of which a command makes the flag.
+        ValueError: A value is smaller, or no number. The message begins with the field's name, of which a command makes
+            the flag.
     """
     for name, bound in least.items():
-        value = getattr(config, name)
+        value = _number(config, name)
         if value is not None and not value >= bound:
             raise ValueError(f"{name} must be at least {bound:g}, got {value}")
 
@@ -42,19 +45,34 @@ def check_whole(config: object, **least: int) -> None:
 
 
 def check_range(config: object, **ranges: tuple[float, float]) -> None:
-    """Check fields of a config against the ranges that they must lie in. None passes.
+    """Check fields of a config against the ranges that they must lie in. None passes where the field may be None.
 
     Args:
         config: A dataclass.
         ranges: Least and largest value of each field, by the field's name.
 
     Raises:
-        ValueError: A value is out of its range. The message begins with the field's name.
+        ValueError: A value is out of its range, or no number. The message begins with the field's name.
     """
     for name, (low, high) in ranges.items():
-        value = getattr(config, name)
+        value = _number(config, name)
         if value is not None and not low <= value <= high:
             raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value:g}")
+
+
+def _number(config: object, name: str) -> float | None:
+    """Return the value of a field of a config.
+
+    Raises:
+        ValueError: It is no number, and not None where the field may be None.
+    """
+    value = getattr(config, name)
+    declared: dict[str, Field] = getattr(config, "__dataclass_fields__", {})
+    if value is None and "None" in str(declared[name].type):
+        return None
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return cast(float, value)
 
 
 def check_number(flag: str, value: float, may_be_infinite: bool = False) -> None:

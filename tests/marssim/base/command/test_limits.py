@@ -1,3 +1,4 @@
+import re
 from dataclasses import dataclass
 
 import pytest
@@ -10,6 +11,17 @@ class Settings:
     pairs: int = 1
     limit: int | None = None
     step: float = 0.5
+
+
+@pytest.mark.parametrize("value", ["1", True, [0.5], None])
+def test_what_is_no_number_is_refused(value):
+    """None passes only where the field may be None."""
+    for check in (
+        lambda: check_least(Settings(step=value), step=0),
+        lambda: check_range(Settings(step=value), step=(0, 1)),
+    ):
+        with pytest.raises(ValueError, match=rf"^step must be a number, got {re.escape(repr(value))}$"):
+            check()
 
 
 def test_the_least_value_and_none_pass():
