@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from selenium import webdriver
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
 IMAGES = Path(__file__).parent / "images"
 WINDOW = "1500,1420"  # [px]
@@ -34,7 +35,7 @@ def main(page: Path, picture: Path) -> None:
     browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
     try:
         browser.get(page.resolve().as_uri())
-        browser.find_element(By.TAG_NAME, "body").send_keys("d")
+        browser.find_element(By.TAG_NAME, "body").send_keys(Keys.ENTER)
         sleep(1)  # pictures are decoded first
         shot = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
     finally:
