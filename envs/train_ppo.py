@@ -42,6 +42,7 @@ from envs.drives.records import NUMBER, is_number
 from envs.mars_nav import MarsNavEnv
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
+from marssim.base.compute.workers import signals_left_to_parent
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, json_text
 from marssim.base.files.no_link import append_line
@@ -302,7 +303,8 @@ def _environments(config: PPOConfig) -> Iterator[Any]:
     makers: list[Callable[[], gymnasium.Env]] = [partial(training_env, config)] * config.workers
     vector = None
     try:
-        vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
+        with signals_left_to_parent():
+            vector = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="spawn")
         yield vector
     except BaseException as error:
         for process in getattr(vector, "processes", ()):

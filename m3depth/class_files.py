@@ -50,7 +50,8 @@ def joint_digest(paths: Iterable[Path]) -> str:
 
 
 def _files_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
+    """Return the files in a folder, in an order that is the same on all systems."""
+    return sorted((path for path in folder.rglob("*") if path.is_file()), key=lambda path: path.as_posix())
 
 
 def _digest(path: Path) -> str:

@@ -114,7 +114,7 @@ def comparison_notes(methods: Mapping[str, DrivenMethod]) -> list[str]:
     courses = Counter(condition for condition, _ in shared).values()
     if min(courses) < max(courses):
         notes.append(
-            f"The conditions have {min(courses)} to {max(courses)} courses each, and the row `{OVERALL}` weighs each "
+            f"The conditions have {min(courses)} to {max(courses)} courses each, and the row {OVERALL} weighs each "
             "condition by its number of courses."
         )
     notes += [f"{label}: driven {_driven_by(method, shared)}." for label, method in methods.items()]

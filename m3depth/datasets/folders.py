@@ -116,7 +116,7 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     Raises:
         DatasetError: There are none, or the pattern is absolute.
     """
-    if Path(pattern).is_absolute():
+    if Path(pattern).anchor:  # on Windows, a path with a root and no drive is not absolute
         raise DatasetError(f"{root}: {pattern} is an absolute pattern; give one that starts from this folder")
     plain = Path(pattern).as_posix()  # without ./ and //, as the paths that glob returns
     parts = re.split(r"(\*\*/|\*|\?)", plain)
@@ -132,7 +132,9 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
     return files
 
 
-def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConfig) -> Iterator[PairFiles]:
+def list_pairs(
+    file: Path, root: Path, rigs: CalibrationFinder, config: DataConfig, beside: Sequence[Path] = ()
+) -> Iterator[PairFiles]:
     """Yield the pairs of an OpenStereo list: lines of "left right disparity" with paths from `root`.
 
     root/calib/NAME.txt and root/occluded/NAME.png, which OpenStereo does not know, are used where they exist.
@@ -142,13 +144,15 @@ def list_pairs(file: Path, root: Path, rigs: CalibrationFinder, config: DataConf
         root: Folder that its paths start from.
         rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
         config: The unit of the maps.
+        beside: The lists of other splits, whose pairs get other names.
 
     Raises:
         DatasetError: The list is missing or a line is malformed; the message names list and line.
     """
     rows = read_list(file, (3,))
     lefts = [words[0] for words in rows]
-    for words, name, scene in zip(rows, names_of_list(root, lefts), _scenes(lefts), strict=True):
+    others = [words[0] for other in beside for words, _ in _words_of_lines(other) if words]
+    for words, name, scene in zip(rows, names_of_list(root, [*lefts, *others]), _scenes(lefts)):
         left, right, truth = (root / word for word in words)
         occluded = root / "occluded" / f"{left.stem}.png"
         yield PairFiles(
@@ -189,15 +193,8 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
     Raises:
         DatasetError: The list is missing or a line is malformed; the message names list and line.
     """
-    if not file.is_file():
-        raise DatasetError(f"{file}: no such list")
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise DatasetError(f"{file}: is not a text file") from None
     rows = []
-    for number, line in enumerate(lines, 1):
-        words = [] if line.lstrip().startswith("#") else ["".join(word) for word in WORDS.findall(line)]
+    for number, (words, line) in enumerate(_words_of_lines(file), 1):
         if words and len(words) not in counts:
             wanted = "left, right and disparity" if 2 not in counts else "left and right"
             hint = "; put paths with spaces in double quotes" if len(words) > max(counts) else ""
@@ -205,6 +202,20 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
         if words:
             rows.append(words)
     return rows
+
+
+def _words_of_lines(file: Path) -> list[tuple[list[str], str]]:
+    """Return the words of each line of a list, none for a comment, and the line."""
+    if not file.is_file():
+        raise DatasetError(f"{file}: no such list")
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise DatasetError(f"{file}: is not a text file") from None
+    return [
+        ([] if line.lstrip().startswith("#") else ["".join(word) for word in WORDS.findall(line)], line)
+        for line in lines
+    ]
 
 
 def _scenes(lefts: Sequence[str]) -> list[str]:

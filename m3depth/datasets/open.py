@@ -269,6 +269,7 @@ def _lists(path: Path, split: Split, rigs: CalibrationFinder, config: DataConfig
     present = [name for name in SPLITS if (path / f"{name}.txt").is_file()]
     if not present:
         raise DatasetError(f"{path}: holds no list named train.txt, val.txt or test.txt")
-    return [
-        p for name in present if split in (name, "all") for p in list_pairs(path / f"{name}.txt", path, rigs, config)
-    ]
+    files = {name: path / f"{name}.txt" for name in present}
+    asked = [name for name in present if split in (name, "all")]
+    beside = {name: [file for other, file in files.items() if other != name] for name in asked}
+    return [pair for name in asked for pair in list_pairs(files[name], path, rigs, config, beside[name])]

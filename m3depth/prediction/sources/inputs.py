@@ -293,7 +293,7 @@ def _patterns(options: PredictOptions) -> Iterator[PairInput]:
     root, patterns = options.images[0] if options.images else Path(), [options.left, options.right]
     if not root.is_dir():
         raise DatasetError(f"{root}: is not a folder; --left and --right start from a folder")
-    if Path(options.left).is_absolute() or Path(options.right).is_absolute():
+    if Path(options.left).anchor or Path(options.right).anchor:
         paths = [(root / pattern).resolve() for pattern in patterns]
         root = Path(paths[0].anchor)
         patterns = [path.relative_to(root).as_posix() for path in paths]

@@ -7,11 +7,14 @@ stderr whose reader is gone. Only a reader of stdout that closes the pipe ends t
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
+
+from marssim.base.files.atomic import WINDOWS
 
 STANDARD = (0, 1, 2)  # file descriptors of stdin, stdout and stderr
 
@@ -70,9 +73,11 @@ class SafeStream:
         try:
             yield
         except (OSError, ValueError) as error:  # ValueError: some code has closed the stream
+            if WINDOWS and isinstance(error, OSError) and error.errno == errno.EINVAL:
+                error = BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))  # as Windows tells of a closed pipe
             self.error = self.error or error
             if isinstance(error, BrokenPipeError) and self.pipe_ends:
-                raise
+                raise error
             self.discard()
 
 

@@ -21,6 +21,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from marssim.base.command.wording import KILLED
 TASKS_PER_WORKER = 64  # tasks after which a process is replaced, so that leaks and caches do not add up
 MOST_GROWTH = 400e6  # [bytes] a process is replaced earlier if its memory grows by more than this after its first task
 ANSWER_WITHIN = 10.0  # [s] time in which a scheduler must answer
+LONGEST_WAIT = 1.0  # [s] after which Windows, which interrupts no wait, learns of a Ctrl-C
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS")  # the last one: Mesa's
 
 _SPAWN = multiprocessing.get_context("spawn")
@@ -126,6 +128,8 @@ class _Worker:
 def _in_processes(
     function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], count: int
 ) -> None:
+    with signals_left_to_parent():
+        resource_tracker.ensure_running()  # which the semaphore of the permit would start, and a closed terminal end
     permit = permit_for_workers(_SPAWN)
     workers = [_Worker(permit) for _ in range(count)]
     waiting, idle = list(reversed(tasks)), list(workers)
@@ -135,7 +139,7 @@ def _in_processes(
             while waiting and idle:
                 worker, task = idle.pop(), waiting.pop()
                 running[worker.submit(function, task)] = worker, task
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in wait(running, timeout=LONGEST_WAIT, return_when=FIRST_COMPLETED).done:
                 worker, task = running.pop(future)
                 idle.append(worker)
                 done(task, worker.result(future))
@@ -158,19 +162,28 @@ def _environment_of_workers() -> Iterator[None]:
     """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    mask = None
-    if hasattr(signal, "pthread_sigmask"):
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
-        yield
+        with signals_left_to_parent():
+            yield
     finally:
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+@contextmanager
+def signals_left_to_parent() -> Iterator[None]:
+    """Block the signals of a terminal, so that processes that start in the block never get them."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _start(permit: Any) -> None:
@@ -179,6 +192,8 @@ def _start(permit: Any) -> None:
     Args:
         permit: Permit of all workers together to print a note; None for none.
     """
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows, where signals_left_to_parent does nothing
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     keep_streams_safe()
     use_permit(permit)

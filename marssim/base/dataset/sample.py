@@ -16,7 +16,7 @@ import numpy as np
 from marssim.base.camera import MAX_DEPTH, MIN_DEPTH, StereoRig
 from marssim.base.dataset.encoding import decode_depth, decode_normal, encode_depth, encode_normal
 from marssim.base.dataset.frame import ROVER, SKY, StereoFrame
-from marssim.base.files.atomic import naming
+from marssim.base.files.atomic import naming, rename
 from marssim.base.files.json_file import DatasetError, json_text, read_json
 from marssim.base.files.png import MAGIC, decode_png, encode_png, png_size
 from marssim.base.files.whole_file import read_file
@@ -116,7 +116,7 @@ def write_sample(
         if replace or not is_complete(folder):
             shutil.rmtree(folder, ignore_errors=True)
         try:
-            partial.rename(folder)
+            rename(partial, folder)
         except OSError:
             if not is_complete(folder):
                 raise

@@ -4,9 +4,37 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+WINDOWS = os.name == "nt"
+PATIENCE = 2.0  # [s] for which a file that another program has open for a moment is waited for
+
+
+def rename(path: Path, target: Path) -> None:
+    """Rename a file or a folder; a file that has the new name is replaced.
+
+    Windows refuses it while another program has one of the files open, such as a scanner for viruses or an indexer. It
+    is tried again there for PATIENCE.
+
+    Args:
+        path: The file or the folder.
+        target: Its new name.
+
+    Raises:
+        OSError: It cannot be renamed.
+    """
+    ends = time.monotonic() + PATIENCE
+    while True:
+        try:
+            path.replace(target)
+            return
+        except PermissionError:
+            if not WINDOWS or time.monotonic() > ends:
+                raise
+        time.sleep(0.05)
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -27,7 +55,7 @@ def write_atomically(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        part.replace(path)
+        rename(part, path)
     finally:
         part.unlink(missing_ok=True)
 
@@ -54,7 +82,7 @@ def written_atomically(path: Path) -> Iterator[Path]:
         raise
     try:
         yield part / path.name
-        (part / path.name).replace(path)
+        rename(part / path.name, path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 

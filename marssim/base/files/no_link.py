@@ -22,11 +22,14 @@ def open_no_link(path: Path, flags: int) -> int:
     Raises:
         OSError: The file is a link, or cannot be opened. The error names it.
     """
+    refused = OSError(f"{path}: is a link, through which nothing is written; delete it")
+    if not hasattr(os, "O_NOFOLLOW") and path.is_symlink():
+        raise refused
     try:
         return os.open(path, flags | NO_LINK, 0o666)
     except OSError as error:
         if path.is_symlink():
-            raise OSError(f"{path}: is a link, through which nothing is written; delete it") from None
+            raise refused from None
         raise error
 
 

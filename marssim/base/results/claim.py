@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from marssim.base.files.atomic import write_atomically
+from marssim.base.files.atomic import WINDOWS, write_atomically
 from marssim.base.files.json_file import DatasetError, as_json, read_json, write_json
 from marssim.base.results.lock import LOCK, sole_writer
 from marssim.base.results.out_folder import check_out
@@ -40,7 +40,7 @@ def _delete_unused(folder: Path) -> None:
     try:
         shutil.rmtree(folder)
     except OSError as error:
-        if error.errno not in (errno.ENOENT, errno.ENOTEMPTY):
+        if error.errno not in (errno.ENOENT, errno.ENOTEMPTY, errno.EACCES if WINDOWS else None):
             raise
 
 
@@ -273,7 +273,10 @@ def _matches(folder: Path, pattern: str) -> Iterator[Path]:
 
 def _refuse_link(path: Path) -> None:
     if path.is_symlink():
-        raise DatasetError(f"{path}: is a link, through which nothing is written or deleted; delete it")
+        raise DatasetError(
+            f"{path}: is a link, through which nothing is written or deleted; put the folder that it leads to in its "
+            "place, or move it elsewhere"
+        )
 
 
 def _make_writable(folder: Path) -> None:

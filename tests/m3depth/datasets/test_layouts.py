@@ -683,6 +683,20 @@ def test_a_list_of_pairs(tmp_path) -> None:
         open_pairs(tmp_path / "mine.txt", "all", config)
 
 
+@pytest.mark.parametrize("start", ["../pairs", "{}/pairs"])
+def test_pairs_of_lists_that_lead_elsewhere_have_one_name_each(tmp_path, start) -> None:
+    """The names of a split are the same, whichever splits are asked for."""
+    for part in ("train", "test"):
+        patterns(tmp_path / "pairs" / part, ".pfm")
+        where = f"{start.format(tmp_path)}/{part}/a"
+        lines = (f"{where}/{i}_left.jpg {where}/{i}_right.jpg {where}/{i}_map.pfm\n" for i in range(2))
+        put(tmp_path / "lists" / f"{part}.txt", "".join(lines))
+    config = DataConfig(format="list", focal=50, baseline=0.27)
+    names = {split: open_pairs(tmp_path / "lists", split, config).names for split in ("train", "test", "all")}
+    assert names["train"] == ["train/a/0_left", "train/a/1_left"]
+    assert names["all"] == [*names["train"], "test/a/0_left", "test/a/1_left"] == [*names["train"], *names["test"]]
+
+
 def test_paths_with_spaces_are_quoted_in_a_list(tmp_path) -> None:
     lines = '"my set/left 0.png" right.png map.pfm\n  a"b.png\t"c d.png"  "e.pfm"\n\n# x y\n'
     put(tmp_path / "mine.txt", lines)

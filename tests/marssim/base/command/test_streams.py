@@ -1,3 +1,4 @@
+import errno
 import io
 import os
 import subprocess
@@ -83,3 +84,15 @@ def test_a_stream_that_some_code_has_closed_discards():
     safe = SafeStream(stream)
     stream.close()
     assert safe.write("more") == 4 and isinstance(safe.error, ValueError)
+
+
+@pytest.mark.parametrize(("windows", "code"), [(True, 141), (False, 2)])
+def test_what_windows_says_of_a_pipe_without_a_reader_ends_the_command(monkeypatch, capsys, windows, code):
+    class Pipe(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr("marssim.base.command.streams.WINDOWS", windows)
+    monkeypatch.setattr(sys, "stdout", Pipe())
+    assert exit_code(lambda: print("out")) == code
+    assert bool(capsys.readouterr().err) != windows

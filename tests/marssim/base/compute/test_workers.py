@@ -193,26 +193,28 @@ sys.path.insert(0, {tests!r})
 from test_workers import touch_and_wait
 from marssim.base.compute.workers import run_tasks
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # what starts in the background would inherit deafness
+    for number in (signal.SIGINT, signal.SIGHUP):  # what starts in the background would inherit deafness
+        signal.signal(number, signal.default_int_handler)
     run_tasks(touch_and_wait, [(Path({folder!r}), "a"), (Path({folder!r}), "b")], print, workers=2)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGHUP])
 def test_no_worker_outlives_its_parent(tmp_path, number, start_session):
-    """A worker must not write while the same command runs again. Ctrl-C reaches all, but only one may print."""
+    """A worker must not write while the same command runs again. A terminal signals all, but only one may print."""
     script = tmp_path / "script.py"
     script.write_text(PROGRAM.format(tests=str(Path(__file__).parent), folder=str(tmp_path)))
     process = start_session([sys.executable, str(script)], stderr=subprocess.PIPE, text=True)
     wait_for(lambda: all((tmp_path / name).is_file() and (tmp_path / name).read_text() for name in "ab"))
-    if number == signal.SIGINT:
+    if number != signal.SIGKILL:
         os.killpg(process.pid, number)
     else:
         process.kill()
     stderr = process.communicate(timeout=60)[1]
     pids = [int((tmp_path / name).read_text()) for name in "ab"]
     wait_for(lambda: all(has_ended(pid) for pid in pids))
-    if number == signal.SIGINT:
+    if number != signal.SIGKILL:
+        assert "resource_tracker" not in stderr
         assert stderr.count("KeyboardInterrupt") == 1 and "Process" not in stderr.replace("ProcessPool", "")
 
 

@@ -1,7 +1,9 @@
 import os
+from pathlib import Path
 
 import pytest
 
+from marssim.base.files import atomic
 from marssim.base.files.atomic import write_atomically, written_atomically
 
 
@@ -24,6 +26,32 @@ def test_a_write_that_fails_keeps_the_old_file(tmp_path, monkeypatch) -> None:
     with pytest.raises(OSError, match="No space left"):
         write_atomically(path, b"new")
     assert list(tmp_path.iterdir()) == [path] and path.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("refusals", [2, 1000])
+def test_windows_is_asked_again_while_another_program_has_the_file_open(tmp_path, monkeypatch, refusals) -> None:
+    replace, asked = Path.replace, []
+
+    def refuse(path: Path, target: Path) -> Path:
+        asked.append(path)
+        if len(asked) <= refusals:
+            raise PermissionError(13, "Access is denied", str(target))
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(PermissionError):  # elsewhere at once
+        write_atomically(tmp_path / "a.json", b"new")
+    assert len(asked) == 1
+    asked.clear()
+    monkeypatch.setattr(atomic, "WINDOWS", True)
+    monkeypatch.setattr(atomic, "PATIENCE", 0.2)
+    if refusals == 2:
+        write_atomically(tmp_path / "a.json", b"new")
+        assert (tmp_path / "a.json").read_bytes() == b"new"
+    else:
+        with pytest.raises(PermissionError, match=r"a\.json"):
+            write_atomically(tmp_path / "a.json", b"new")
+    assert len(asked) > 2
 
 
 @pytest.mark.parametrize("before", [None, b"old"])

@@ -1,4 +1,5 @@
 import errno
+import os
 import resource
 
 import pytest
@@ -6,7 +7,11 @@ import pytest
 from marssim.base.files.no_link import append_line
 
 
-def test_lines_are_added_to_a_file_but_not_through_a_link(tmp_path):
+@pytest.mark.parametrize("system", ["POSIX", "Windows"])
+def test_lines_are_added_to_a_file_but_not_through_a_link(tmp_path, monkeypatch, system):
+    if system == "Windows":
+        monkeypatch.delattr(os, "O_NOFOLLOW")
+        monkeypatch.setattr("marssim.base.files.no_link.NO_LINK", 0)
     log, others = tmp_path / "log.jsonl", tmp_path / "others.txt"
     append_line(log, '{"a": "ä"}')
     append_line(log, "{}")
