@@ -16,10 +16,12 @@ import numpy as np
 
 from m3depth.class_files import class_files, joint_digest
 from m3depth.network.device import chosen_device
+from m3depth.rivals.config import SOURCES
 from m3depth.runtimes.choice import check_runtime, chosen_runtime, is_other_network
 from m3depth.stereo.prediction import Prediction
 from m3depth.user_module import ChangedModuleError, import_user_module
 from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by
+from m3depth.weights.config_json import kind_in_file
 from marssim.base.camera import StereoRig
 from marssim.base.command.spelling import did_you_mean
 from marssim.base.results.code_state import source_file
@@ -150,7 +152,8 @@ class EstimatorName:
     def digest(self) -> str | None:
         """Return the SHA-256 of `file` and of the files that a class names; None without a file.
 
-        What a module imports does not count.
+        To the weights of a network that this program has added, its source file belongs. What a module imports does not
+        count.
 
         Raises:
             OSError: A file is missing or cannot be read.
@@ -158,7 +161,10 @@ class EstimatorName:
         """
         if self.weights is not None:
             check_weights_file(self.weights)
-        return None if self.file is None else joint_digest((self.file, *class_files(self.name)))
+        if self.file is None:
+            return None
+        source = None if self.weights is None else SOURCES.get(kind_in_file(self.weights) or "")
+        return joint_digest((self.file, *class_files(self.name), *([] if source is None else [source])))
 
     def label(self, parts: int = 1) -> str:
         """Return what tables call the method.

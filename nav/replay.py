@@ -115,7 +115,7 @@ def replay(
 
     Raises:
         ValueError: The area is empty, the cells of the prior are not of the navigator's size, or the pose of a frame is
-            no rotation and translation.
+            no rotation and translation, or spec.mount has the rover lie on its side there.
     """
     navigator, commands = Navigator(spec, config, area, prior), []
     obeyed = False  # whether the rover did between two frames what the navigator commanded at the first

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from contextlib import suppress
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,7 @@ from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
 from m3depth.rivals.config import (
     CONFIGS,
+    SOURCES,
     CreStereoConfig,
     FusionConfig,
     GeoNetConfig,
@@ -65,16 +69,28 @@ def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
         network: The network. It is made with such sizes as its only argument.
 
     Raises:
-        ValueError: A network of this package has this KIND, or a class is none of these; the message names it.
+        ValueError: A network of this package has this KIND, a class is none of these, or a size has no default or one
+            that no file of weights can hold; the message names it.
     """
     is_config = isinstance(config, type) and issubclass(config, RivalConfig) and "__dataclass_params__" in vars(config)
     if not (is_config and isinstance(getattr(config, "KIND", None), str)):
         raise ValueError(f"config must be a dataclass, a subclass of RivalConfig with KIND as a text, got {config!r}")
     if not (isinstance(network, type) and issubclass(network, StereoRival)):
         raise ValueError(f"network must be a subclass of StereoRival, got {network!r}")
+    for size in fields(config):
+        if size.default is MISSING:
+            raise ValueError(f"{config.__qualname__}: {size.name} must have a default")
+    try:
+        sizes = config()
+        config.from_dict(asdict(sizes))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{config.__qualname__}: {error}") from None
     if config.KIND in SHIPPED:
         raise ValueError(f"{config.__qualname__}: a network of this package has the kind {config.KIND!r}")
     CONFIGS[config.KIND], CLASSES[config] = config, network
+    SOURCES.pop(config.KIND, None)
+    with suppress(TypeError):  # a class of a notebook has no file
+        SOURCES[config.KIND] = Path(inspect.getfile(network))
 
 
 def draw_normal(network: nn.Module) -> None:

@@ -6,6 +6,7 @@ This file loads no torch, so that the commands print their help at once.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from m3depth.weights.config_json import checked_fields
@@ -14,6 +15,9 @@ from m3depth.weights.config_json import checked_fields
 @dataclass(frozen=True)
 class RivalConfig:
     """What the configs of all rivals share.
+
+    Fields have defaults: whole numbers of 1 or more, other numbers, switches, texts, or tuples of one of these kinds. A
+    tuple has the length of its default, unless it is annotated as one of any length (tuple[int, ...]).
 
     Raises:
         ValueError: A size that no network can have; the message names the field.
@@ -24,7 +28,10 @@ class RivalConfig:
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if not isinstance(value, bool | str) and min(value if isinstance(value, tuple) else (value,)) < 1:
+            parts = value if isinstance(value, tuple) else (value,)
+            if not parts or not all(isinstance(part, int | float | str) for part in parts):
+                raise ValueError(f"{entry.name} must be a number, a text, a switch or a tuple of them, got {value!r}")
+            if any(type(part) is int and part < 1 for part in parts):
                 raise ValueError(f"{entry.name} must be at least 1, got {value}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -254,3 +261,6 @@ file names.
 
 CONFIGS: dict[str, type[RivalConfig]] = {config.KIND: type(config) for config in PRESETS.values()}
 """The classes of the configs, by the kind of network that a weights file names."""
+
+SOURCES: dict[str, Path] = {}
+"""The files of the networks that a program has added, by their kind; see m3depth.kinds.networks.add_network."""

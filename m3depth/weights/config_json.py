@@ -6,6 +6,7 @@ Importing this module loads no torch.
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -19,25 +20,35 @@ def checked_fields(cls: type, data: dict[str, Any]) -> dict[str, Any]:
     """Return the values of a dataclass's fields that a JSON object gives, lists as tuples.
 
     Args:
-        cls: The dataclass, each of whose fields has a default: an int, a bool, a text or a tuple of ints.
+        cls: The dataclass, each of whose fields has a default: a number, a bool, a text or a tuple of one of these.
         data: The object; fields may be missing.
 
     Raises:
         ValueError: A field is unknown or malformed; the message names it.
     """
-    defaults: dict[str, Any] = {f.name: f.default for f in fields(cls)}
+    declared = {f.name: f for f in fields(cls)}
     values: dict[str, Any] = {}
     for name, value in data.items():
-        if name not in defaults:
+        if name not in declared:
             raise ValueError(f"network config: unknown field {name!r}")
-        size = len(defaults[name]) if isinstance(defaults[name], tuple) else None
-        kind = int if size else type(defaults[name])
-        parts = value if size and isinstance(value, list | tuple) else [value]
-        sizes = [len(part) if isinstance(part, str) else part for part in parts if type(part) is kind]
-        if not len(sizes) == len(parts) == (size or 1) or not all(0 <= n <= LARGEST for n in sizes):
+        default: Any = declared[name].default
+        is_tuple = isinstance(default, tuple)
+        parts = value if is_tuple and isinstance(value, list | tuple) else [value]
+        kind = type(default[0] if is_tuple else default)
+        fits = len(parts) == (len(default) if is_tuple else 1) or (is_tuple and "..." in str(declared[name].type))
+        if not fits or not all(_is_of(part, kind) for part in parts):
             raise ValueError(f"network config: field {name!r} has the value {value!r}")
-        values[name] = tuple(parts) if size else value
+        read = [float(part) if kind is float else part for part in parts]
+        values[name] = tuple(read) if is_tuple else read[0]
     return values
+
+
+def _is_of(value: Any, kind: type) -> bool:
+    """Return whether a value is of a kind, and of a size that a network may have. A whole number is a float too."""
+    if kind is float:
+        return type(value) in (int, float) and math.isfinite(value)
+    size: int = len(value) if isinstance(value, str) else value
+    return type(value) is kind and 0 <= size <= LARGEST
 
 
 def kind_of(config: dict[str, Any]) -> str:

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from m3depth.estimator import load_estimator
+from m3depth.estimator import EstimatorName, load_estimator
 from m3depth.kinds.networks import CLASSES, add_network
-from m3depth.rivals.config import CONFIGS, RaftStereoConfig, RivalConfig
+from m3depth.rivals.config import CONFIGS, SOURCES, RaftStereoConfig, RivalConfig
 from m3depth.rivals.raft_stereo import RaftStereo
 from m3depth.train import main
 
@@ -24,6 +24,7 @@ def my_network(tmp_path, monkeypatch, guide_program):
     yield importlib.import_module("my_network")
     del sys.modules["my_network"]
     CLASSES.pop(CONFIGS.pop("plain", None), None)
+    SOURCES.pop("plain", None)
 
 
 def test_a_network_of_the_user_is_trained_and_its_weights_are_read(my_network, plane_set, plane_samples, tmp_path):
@@ -31,10 +32,15 @@ def test_a_network_of_the_user_is_trained_and_its_weights_are_read(my_network, p
     flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--network", str(tmp_path / "plain.json")]
     assert main([*flags, "--max-steps", "2", "--batch", "1", "--crop", "32", "64", "--device", "cpu"]) == 0
     add_network(my_network.PlainConfig, my_network.Plain)  # as a cell of a notebook that is run again
-    network = load_estimator(f"m3depth:{tmp_path / 'run/weights.safetensors'}")
+    name = f"m3depth:{tmp_path / 'run/weights.safetensors'}"
+    network = load_estimator(name)
     assert isinstance(network, my_network.Plain) and network.config == my_network.PlainConfig(4)
     sample = plane_samples[0]
     assert np.isfinite(network.infer(sample.left, sample.right, sample.rig).disparity).all()
+    before = EstimatorName.parse(name).digest()
+    source = tmp_path / "my_network.py"
+    source.write_text(source.read_text().replace("50 *", "30 *"))
+    assert EstimatorName.parse(name).digest() != before  # nothing goes on with another network of the same weights
 
 
 @dataclass(frozen=True)
@@ -52,11 +58,45 @@ class NoDataclass(RivalConfig):
     width: int = 1
 
 
+@dataclass(frozen=True)
+class Sizes(RivalConfig):
+    KIND: ClassVar[str] = "sizes"
+    dropout: float = 0.1
+    depths: tuple[int, ...] = (1, 2)
+    rates: tuple[float, float] = (0.5, 1.0)
+    name: str = "a"
+
+
+def test_sizes_of_several_kinds_come_back_from_a_file():
+    sizes = Sizes(0.0, (3, 4, 5), (1.0, 2.0), "b")
+    assert Sizes.from_dict({"dropout": 0, "depths": [3, 4, 5], "rates": [1, 2], "name": "b"}) == sizes
+    for name, value in (("rates", [1.0]), ("depths", [0.5]), ("dropout", "x"), ("dropout", float("inf"))):
+        with pytest.raises(ValueError, match=f"^network config: field '{name}' has the value"):
+            Sizes.from_dict({name: value})
+    for depths, message in (((), "^depths must be a number"), ((0,), "^depths must be at least 1")):
+        with pytest.raises(ValueError, match=message):
+            Sizes(depths=depths)
+
+
+@dataclass(frozen=True)
+class WithoutDefault(RivalConfig):
+    KIND: ClassVar[str] = "without"
+    width: int
+
+
+@dataclass(frozen=True)
+class WithNone(RivalConfig):
+    KIND: ClassVar[str] = "with-none"
+    radius: int | None = None
+
+
 def test_a_network_that_cannot_be_added_is_named():
     for config, network, message in (
         (SameName, RaftStereo, "^SameName: a network of this package has the kind 'raft-stereo'$"),
         (WithoutName, RaftStereo, r"^config must be a dataclass, .* with KIND as a text, got .*WithoutName"),
         (NoDataclass, RaftStereo, r"^config must be a dataclass, .*NoDataclass"),
+        (WithoutDefault, RaftStereo, "^WithoutDefault: width must have a default$"),
+        (WithNone, RaftStereo, "^WithNone: radius must be a number, a text, a switch or a tuple of them, got None$"),
         (RaftStereoConfig(), RaftStereo, r"^config must be a dataclass, .*got RaftStereoConfig\("),
         ("plain", RaftStereo, r"^config must be a dataclass, .*got 'plain'$"),
         (RaftStereoConfig, dict, "^network must be a subclass of StereoRival, got <class 'dict'>$"),

@@ -50,17 +50,21 @@ def kept_arrays(
         arrays = {
             member: np.load(io.BytesIO(archive.read(member)), allow_pickle=False) for member in archive.namelist()
         }
-        if arrays.pop(STAMP).tobytes() == stamp:
+        if arrays.pop(STAMP).tobytes() == _with_names(stamp, arrays):  # damage may hide some of them
             return arrays
     arrays = dict(make())
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        for member, array in {STAMP: np.frombuffer(stamp, np.uint8), **arrays}.items():
+        for member, array in {STAMP: np.frombuffer(_with_names(stamp, arrays), np.uint8), **arrays}.items():
             with archive.open(member, "w") as file:
                 np.save(file, array, allow_pickle=False)
     with suppress(OSError):  # a full disk
         write_atomically(path, buffer.getvalue())
     return arrays
+
+
+def _with_names(stamp: bytes, arrays: Mapping[str, np.ndarray]) -> bytes:
+    return stamp + " ".join(sorted(arrays)).encode()
 
 
 def _version(package: str) -> str:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from zlib import crc32
 
 WINDOWS = os.name == "nt"
 PATIENCE = 2.0  # [s] for which a file that another program has open for a moment is waited for
@@ -74,7 +75,8 @@ def written_atomically(path: Path) -> Iterator[Path]:
     Raises:
         OSError: The file cannot be written. The error names it.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    # short, since Windows takes 260 characters in a path, and libraries repeat the name in it
+    part = path.with_name(f".{crc32(path.name.encode(errors='surrogateescape')):08x}.{os.getpid()}.part")
     try:
         part.mkdir(exist_ok=True)
     except OSError as error:

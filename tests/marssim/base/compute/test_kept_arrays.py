@@ -72,7 +72,7 @@ def test_no_flipped_bit_of_the_directory_of_a_file_ends_a_process(arrays, folder
     arrays()
     (file,) = folder.rglob("*.npz")
     whole = file.read_bytes()
-    for at in range(whole.rindex(b"PK\x01\x02"), len(whole)):
+    for at in range(whole.index(b"PK\x01\x02"), len(whole)):
         for bit in range(8):
             data = bytearray(whole)
             data[at] ^= 1 << bit
