@@ -197,7 +197,7 @@ def read_list(file: Path, counts: Sequence[int]) -> list[list[str]]:
     for number, (words, line) in enumerate(_words_of_lines(file), 1):
         if words and len(words) not in counts:
             wanted = "left, right and disparity" if 2 not in counts else "left and right"
-            hint = "; put paths with spaces in double quotes" if len(words) > max(counts) else ""
+            hint = "; put paths with spaces in double quotes" if len(words) > max(counts) else "; spaces part them"
             raise DatasetError(f"{file}, line {number}: expected {wanted}, got {line.strip()!r}{hint}")
         if words:
             rows.append(words)

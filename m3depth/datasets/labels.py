@@ -19,8 +19,11 @@ def advice(pairs: StereoPairs, has_sky: bool) -> str:
         pairs: The pairs.
         has_sky: Whether a pixel of them is sky.
     """
-    takes_flags = hasattr(pairs, "config")  # datasets of marssim take none
+    config = getattr(pairs, "config", None)  # datasets of marssim have none
     if has_sky:
-        hint = "; if the maps hold millimetres, give --unit 1000" if takes_flags else ""
+        hint = "; if the maps hold millimetres, give --unit 1000" if config is not None else ""
         return f"what is known is sky, {FAR:g} m and farther{hint}"
-    return "check the maps, --unit and --depth-range" if takes_flags else "check the maps"
+    if config is None:
+        return "check the maps"
+    negative = " (-1 for negative disparities)" if config.depth is None else ""
+    return f"check the maps, --unit{negative} and --depth-range"

@@ -234,24 +234,29 @@ def _is_of_marssim(path: Path) -> bool:
 
 
 def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
-    """Return the split of each pair: the first part of its name (SceneFlow's TRAIN), else 7:2:1 by groups in order.
+    """Return the split of each pair: that of a folder in its name, else 7:2:1 by groups in order.
+
+    The folder is the first one (SceneFlow's TRAIN), or one below it that is named after two or three splits, as in
+    left/train and left/test.
 
     Raises:
         DatasetError: Some pairs lie in folders named after splits, and others do not.
     """
-    first = [pair.name.split("/")[0].lower() for pair in pairs]
-    named = [SPLIT_NAMES.get(name, name) for name in first]
-    if len(set(named)) == 1:
-        named = first
-    present = set(named)
-    if present & set(SPLITS) and not present <= set(SPLITS):
-        split = next(pair for pair, name in zip(pairs, named) if name in SPLITS)
-        other = next(pair for pair, name in zip(pairs, named) if name not in SPLITS)
-        raise DatasetError(
-            f"{split.left}: lies in a folder of a split, but {other.left} does not; name all folders train, val and "
-            "test, or none"
-        )
-    if present <= set(SPLITS):
+    folders = [pair.name.lower().split("/") for pair in pairs]
+    for place in range(max(1, min(map(len, folders)) - 1)):
+        named = [SPLIT_NAMES.get(parts[place], parts[place]) for parts in folders]
+        if len(set(named)) == 1:
+            named = [parts[place] for parts in folders]
+        splits, present = set(named) & set(SPLITS), set(named)
+        if not splits or (place > 0 and len(splits) == 1):
+            continue
+        if splits < present:
+            split = next(pair for pair, name in zip(pairs, named) if name in SPLITS)
+            other = next(pair for pair, name in zip(pairs, named) if name not in SPLITS)
+            raise DatasetError(
+                f"{split.left}: lies in a folder of a split, but {other.left} does not; name all folders train, val "
+                "and test, or none"
+            )
         if "val" in present or "train" not in present:
             return named
         # SceneFlow has no validation set: a tenth of the training scenes becomes one.

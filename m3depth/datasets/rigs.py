@@ -10,10 +10,35 @@ from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
 from m3depth.datasets.pair_files import CalibrationFinder
 from marssim.base.calibration.rectified import Calibration, read_calibration
-from marssim.base.camera import NATECAM, WIDEST_BASELINE
+from marssim.base.camera import NARROWEST_BASELINE, NATECAM, WIDEST_BASELINE
 from marssim.base.files.json_file import DatasetError
 
 NATECAM_NAME = Path("natecam")
+SAME_SHAPE, OTHER_SCALE = 0.03, 0.1  # shares by which the shapes and the sizes of two images differ or not
+
+
+class CommonSize:
+    """The size of the first images that a focal length [px] serves: others may be cut, but not scaled.
+
+    Args:
+        source: What gives the focal length, for messages: a flag, or a file.
+    """
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.first: tuple[Path, int, int] | None = None
+
+    def check(self, left: Path, width: int, height: int) -> None:
+        """Raise DatasetError, which names an image, if it is the same view as the first one at another scale."""
+        if self.first is None:
+            self.first = left, width, height
+        other, first_width, first_height = self.first
+        scale, down = width / first_width, height / first_height
+        if abs(scale / down - 1) < SAME_SHAPE and abs(scale - 1) > OTHER_SCALE:
+            raise DatasetError(
+                f"{left}: is {width} x {height} px, and {other} {first_width} x {first_height}: {self.source} is in "
+                "pixels of one size; keep images of each size in a folder of their own"
+            )
 
 
 @dataclass(frozen=True)
@@ -24,11 +49,13 @@ class FileRig:
         file: The calibration file.
         left: The left image of the pair.
         is_given: Whether a flag names the file; messages do not ask for one then.
+        common: The size of the first images of all for which it is given.
     """
 
     file: Path
     left: Path
     is_given: bool = False
+    common: CommonSize | None = None
 
     def __call__(self, width: int, height: int) -> Calibration:
         """Return the calibration of images of a size [px]. Raises DatasetError that names the file."""
@@ -40,8 +67,14 @@ class FileRig:
         size, baseline = calibration.size, calibration.baseline
         if size is not None and size != (width, height):
             raise DatasetError(f"{self.file}: is for {size[0]} x {size[1]} px, {self.left} is {width} x {height}")
+        if size is None and self.common is not None:
+            self.common.check(self.left, width, height)
         if baseline <= 0:
             raise DatasetError(f"{self.file}: the baseline is {baseline:g} m; are left and right exchanged?")
+        if baseline < NARROWEST_BASELINE:
+            raise DatasetError(
+                f"{self.file}: the baseline is {baseline:g} m; is it in metres, where Middlebury's are in millimetres?"
+            )
         if baseline > WIDEST_BASELINE:
             raise DatasetError(
                 f"{self.file}: the baseline is {baseline:g} m, over {WIDEST_BASELINE:g}; is it in millimetres?"
@@ -56,8 +89,8 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
         DatasetError: The calibration file is missing or does not fit; the message is one line.
     """
     if config.focal is not None and config.baseline is not None:
-        from_flags = partial(_centred, config.focal, config.baseline)
-        return lambda calib, left: from_flags
+        focal, baseline, flag = config.focal, config.baseline, CommonSize("--focal")
+        return lambda calib, left: partial(_centred, focal, baseline, flag, left)
     if config.calib == NATECAM_NAME:
         return lambda calib, left: natecam
     if config.calib is None:
@@ -66,13 +99,15 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
     if not path.is_file():
         raise DatasetError(f"{path}: no such calibration file")
     if (sensors := oaisys_rig(path, config)) is None:
-        return lambda calib, left: FileRig(path, left, is_given=True)
+        size = CommonSize(f"the focal length of {path}")
+        return lambda calib, left: FileRig(path, left, is_given=True, common=size)
     rig: Calibration = sensors
     return lambda calib, left: SensorRig(path, left, rig)
 
 
-def _centred(focal: float, baseline: float, width: int, height: int) -> Calibration:
+def _centred(focal: float, baseline: float, common: CommonSize, left: Path, width: int, height: int) -> Calibration:
     """Return the calibration of images of a size [px] whose principal point is their middle."""
+    common.check(left, width, height)
     return Calibration(focal, focal, (width - 1) / 2, (height - 1) / 2, baseline)
 
 

@@ -28,7 +28,7 @@ from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, data_names, progress_text, summary
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
-from m3depth.training.samples import PackedCache, batches, check_labels, parts_of, without_normals
+from m3depth.training.samples import PackedCache, batches, check_labels, parts_of, without_labels, without_normals
 from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.run import is_out_of_memory
 from marssim.base.command.signals import stop_on_signal
@@ -80,6 +80,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
                 announce(run, resumed, len(samples), len(held_out))
+                for sentence in without_labels(cache, samples):
+                    log.say(f"warning: {sentence}")
                 for name in without_normals(cache, samples) if config.reader.normals == "depth" else ():
                     log.say(f"warning: {name} and the pairs after it: {NO_NORMALS}")
                 for finding in filter(None, map(depth_misfit, getattr(samples, "parts", [samples]))):
@@ -202,7 +204,14 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                     run.save()
                 return bool(stopped)
             before = time.monotonic()
-            batch = next(stream).to(device)
+            try:
+                following = next(stream)
+            except (ValueError, OSError):  # a broken pair: the steps until here are not lost
+                if log and batch is not None:
+                    check_state(run, batch, dtype)
+                    run.save()
+                raise
+            batch = following.to(device)
             waited += time.monotonic() - before
             with memory_errors_explained(config):
                 values = one_step(run, network, batch, learning_rate(config.lr, done, config.schedule), dtype)

@@ -32,7 +32,8 @@ def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
     """
     size = sum(p.numel() for p in run.model.parameters())
     start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
-    lines = [f"{counted(samples, 'sample')}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
+    validated = f", {held_out} for validation" if held_out else ""
+    lines = [f"{counted(samples, 'sample')}{validated}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
     height, width = run.config.crop
     rows, columns = padded_size(height, width, run.model.size_multiple)
     if (rows, columns) != (height, width):

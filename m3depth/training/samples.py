@@ -117,6 +117,24 @@ def check_labels(cache: PackedCache, samples: StereoPairs) -> None:
                 )
 
 
+def without_labels(cache: PackedCache, samples: StereoPairs) -> list[str]:
+    """Return a sentence for each dataset of whose first pairs, up to LABELLED, some have no pixel that is trained.
+
+    Args:
+        cache: The samples.
+        samples: The same, which may be the JoinedPairs of several datasets.
+    """
+    sentences = []
+    for number, part in enumerate(parts_of(samples)):
+        first = part[:LABELLED]
+        empty = [index for index in first if not (cache[index].flags & (TRAINED | SKY)).any()]
+        if empty:
+            hint = advice(getattr(samples, "parts", [samples])[number], has_sky=False)
+            pairs = f"{len(empty)} of the first {counted(len(first), 'pair')}"
+            sentences.append(f"{pair_name(samples, empty[0])}: {pairs} have no pixel that can be trained; {hint}")
+    return sentences
+
+
 def without_normals(cache: PackedCache, samples: StereoPairs) -> list[str]:
     """Return the name of the first pair of each dataset whose first pairs, up to LABELLED, have no normals.
 

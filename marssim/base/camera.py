@@ -17,6 +17,7 @@ import numpy as np
 from marssim.base.masked import filled
 
 LARGEST_FLOAT = sys.float_info.max
+NARROWEST_BASELINE = 0.001  # [m] a smaller one is taken for metres that were read as millimetres
 WIDEST_BASELINE = 10.0  # [m] a larger one is taken for millimetres
 LARGEST_IMAGE = 1 << 16  # [px] width and height
 LONGEST_FOCAL = 1e9  # [px]

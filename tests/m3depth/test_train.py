@@ -33,6 +33,7 @@ from m3depth.training.samples import JoinedPairs, PackedCache, make_batch
 from m3depth.training.validation import validate
 from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.command.flags import parse
+from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 from marssim.base.results.lock import FolderInUse
 
@@ -124,12 +125,32 @@ class KilledAt:
         return self.samples[index]
 
 
+class BrokenAt(KilledAt):
+    """Samples of which the n-th reading finds a damaged file."""
+
+    def __getitem__(self, index: int):
+        self.left -= 1
+        if self.left == 0:
+            raise DatasetError("left/007.png: not a readable image")
+        return self.samples[index]
+
+
+def test_the_steps_before_a_broken_pair_are_saved(plane_samples, tmp_path) -> None:
+    config = config_for(tmp_path, max_steps=30, cache=False, validate_every=0)
+    with pytest.raises(DatasetError, match=r"^left/007\.png: not a readable image"):
+        train(config, BrokenAt(plane_samples, 40), [])
+    step = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"]
+    train(replace(config, max_steps=step + 1), plane_samples, [])
+    kinds = [json.loads(line)["kind"] for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert step > 1 and kinds.count("start") == 2
+
+
 def test_a_killed_run_goes_on_to_the_same_weights(plane_samples, tmp_path) -> None:
     settings = {"max_steps": 8, "cache": False, "validate_every": 0}
     train(config_for(tmp_path / "whole", **settings), plane_samples, [])
     stopped = config_for(tmp_path / "stopped", **settings)
     with pytest.raises(KeyboardInterrupt):
-        train(stopped, KilledAt(plane_samples, 9), [])
+        train(stopped, KilledAt(plane_samples, 13), [])
     state = torch.load(stopped.out / "checkpoint.pt", weights_only=True)
     assert 0 < state["step"] < 8
     train(stopped, plane_samples, [])
@@ -147,7 +168,7 @@ def test_the_command_saves_after_a_signal_and_exits_with_130_but_under_torchrun_
     variables = {"LOCAL_RANK": "0", "RANK": "0", "WORLD_SIZE": "1", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": "0"}
     for name, value in variables.items() if torchrun else ():
         monkeypatch.setenv(name, value)
-    killed = KilledAt(plane_samples, 9)
+    killed = KilledAt(plane_samples, 13)
     monkeypatch.setattr("m3depth.datasets.open.open_pairs", lambda path, split, config: killed)
     flags = ["--data", "planes", "--out", str(tmp_path), "--batch", "2", "--crop", "32", "64", "--device", "cpu"]
     assert main([*flags, "--max-steps", "8", "--no-cache", "--validate-samples", "0"]) == code

@@ -15,10 +15,9 @@ from m3depth.datasets.rigs import NATECAM_NAME, natecam
 from m3depth.prediction.options import PredictOptions
 from m3depth.rectification.files import REPORT, rig_beside
 from marssim.base.calibration.rectified import Calibration, read_calibration
-from marssim.base.camera import WIDEST_BASELINE
+from marssim.base.camera import NARROWEST_BASELINE, WIDEST_BASELINE
 
 MIN_ANGLE, MAX_ANGLE = 1.0, 150.0  # [deg] horizontal field of view of rectified images
-MIN_BASELINE = 0.001  # [m] shortest distance of the cameras
 # A calibration without a size is for images of another size if its principal point lies in the outer 27 % of both the
 # width and the height, towards the same corner.
 OFF_MIDDLE = 0.27
@@ -122,8 +121,8 @@ def _check_sense(calibration: Calibration, width: int, options: PredictOptions, 
             f"{focal_from} {calibration.fx:g} px makes images of {width} px {angle:.3g} deg wide; "
             "it is counted in pixels of these images"
         )
-    if not MIN_BASELINE <= calibration.baseline <= WIDEST_BASELINE:
+    if not NARROWEST_BASELINE <= calibration.baseline <= WIDEST_BASELINE:
         raise ValueError(
-            f"{baseline_from} {calibration.baseline:g} m is out of [{MIN_BASELINE:g}, {WIDEST_BASELINE:g}] m; "
+            f"{baseline_from} {calibration.baseline:g} m is out of [{NARROWEST_BASELINE:g}, {WIDEST_BASELINE:g}] m; "
             "give --baseline in metres"
         )

@@ -259,6 +259,7 @@ def _unknown(words: Sequence[str], flags: Sequence[str]) -> str:
     message = f"{' '.join(words[:3])}{more} belong{'s' * (len(words) == 1)} to no option"
     if all(os.path.exists(word) for word in words):  # False for too long a name, too
         message += "; write a pattern in quotation marks, or the shell replaces it by the files that match"
+        message += "; without a pattern, the flag before takes fewer values"
     return message
 
 

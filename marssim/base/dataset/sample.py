@@ -47,9 +47,11 @@ class StereoSample:
     Attributes:
         left: (H, W, 3) uint8 RGB image of the left eye.
         right: (H, W, 3) uint8 RGB image of the right eye.
-        depth: (H, W) float32 [m] along the optical axis; inf in the sky.
-        disparity: (H, W) float32 [px], x_left - x_right as the images show it (marssim.base.right_image); 0 in the sky.
-        normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky.
+        depth: (H, W) float32 [m] along the optical axis; inf in the sky, and NaN where it is unknown, as in other
+            datasets.
+        disparity: (H, W) float32 [px], x_left - x_right as the images show it (marssim.base.right_image); 0 in the sky
+            and where the depth is unknown.
+        normal: (H, W, 3) float32 unit normals that face the camera; 0 in the sky and where they are unknown.
         valid: (H, W) bool, true where the depth is 0.5 m to 15 m.
         occluded: (H, W) bool, true where the right eye does not see the point.
         rock: (H, W) int32, the number from 1 of the rock, slab, block of a ledge or fragment; 0 elsewhere, and -1

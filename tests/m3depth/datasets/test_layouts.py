@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 from dataclasses import fields
 from pathlib import Path
 
@@ -655,6 +656,73 @@ def test_what_is_named_after_splits_is_split_so(tmp_path, parts) -> None:
     for split in SPLITS:
         expected = 10 if split.upper() in parts else 0
         assert len(open_pairs(tmp_path, split, DataConfig(format="sceneflow"))) == expected
+
+
+@pytest.mark.parametrize("form", ["left/{}", "images/{}/left", "{}/left"])
+@pytest.mark.parametrize("is_list", [False, True])
+def test_folders_of_splits_may_lie_below_others(tmp_path, form, is_list) -> None:
+    lines = []
+    for part in ("training", "val", "test"):
+        for number in range(3):
+            left, right, truth = (
+                f"{form.format(part).replace('left', eye)}/{number}" for eye in ("left", "right", "map")
+            )
+            put(tmp_path / f"{left}.png", image())
+            put(tmp_path / f"{right}.png", image(1))
+            put(tmp_path / f"{truth}.pfm", ramp())
+            lines.append(f"{left}.png {right}.png {truth}.pfm\n")
+    put(tmp_path / "all.txt", "".join(reversed(lines)))
+    pattern = form.format("*")
+    patterns = {
+        name: f"{pattern.replace('left', eye)}/*.{ending}"
+        for name, eye, ending in (("left", "left", "png"), ("right", "right", "png"), ("disparity", "map", "pfm"))
+    }
+    config = DataConfig(focal=50, baseline=0.27, **({"format": "list"} if is_list else patterns))
+    for split in SPLITS:
+        names = open_pairs(tmp_path / "all.txt" if is_list else tmp_path, split, config).names
+        assert len(names) == 3 and all({"train": "training"}.get(split, split) in name for name in names)
+
+
+def test_a_folder_of_a_split_beside_others_is_named(tmp_path) -> None:
+    for part in ("train", "test", "more"):
+        for eye, content in (("left", image()), ("right", image(1))):
+            put(tmp_path / eye / part / "0.png", content)
+        put(tmp_path / "map" / part / "0.pfm", ramp())
+    config = DataConfig(left="left/*/*.png", right="right/*/*.png", disparity="map/*/*.pfm", focal=50, baseline=0.27)
+    with pytest.raises(
+        DatasetError, match=r"left/test/0\.png: lies in a folder of a split, but .*left/more/0\.png does not"
+    ):
+        open_pairs(tmp_path, "train", config)
+    shutil.rmtree(tmp_path / "left/test")  # one split's name alone is no split
+    assert [len(open_pairs(tmp_path, split, config)) for split in ("train", "all")] == [1, 2]
+
+
+@pytest.mark.parametrize("source", ["--focal", "file"])
+def test_images_at_another_scale_need_a_focal_length_of_their_own(tmp_path, source) -> None:
+    """But not those that are cut, as of KITTI, whose sizes differ by a few pixels."""
+    height, width = image().shape[:2]
+    sizes = {"0": (height, width), "1": (height, width - 2), "2": (height // 2, width), "3": (height // 2, width // 2)}
+    for name, (rows, columns) in sizes.items():
+        for eye in ("left", "right"):
+            put(tmp_path / eye / f"{name}.png", image()[:rows, :columns])
+        put(tmp_path / "map" / f"{name}.pfm", ramp()[:rows, :columns])
+    put(tmp_path / "calib.txt", "P2: 50 0 9 0 0 50 5 0 0 0 1 0\nP3: 50 0 9 -13.5 0 50 5 0 0 0 1 0\n")
+    rig = {"focal": 50, "baseline": 0.27} if source == "--focal" else {"calib": tmp_path / "calib.txt"}
+    pairs = open_pairs(
+        tmp_path, "all", DataConfig(left="left/*.png", right="right/*.png", disparity="map/*.pfm", **rig)
+    )
+    assert [len(pairs[i].left) for i in range(3)] == [rows for rows, _ in list(sizes.values())[:3]]
+    with pytest.raises(DatasetError, match=r"left/3\.png: is .* px, and .*left/0\.png .* in pixels of one size"):
+        pairs[3]
+
+
+def test_a_baseline_in_metres_where_millimetres_are_expected_is_named(tmp_path) -> None:
+    scene = tmp_path / "scene"
+    for name, content in (("im0.png", image()), ("im1.png", image(1)), ("disp0.pfm", ramp())):
+        put(scene / name, content)
+    put(scene / "calib.txt", "cam0=[50 0 9; 0 50 5; 0 0 1]\nbaseline=0.27\n")
+    with pytest.raises(DatasetError, match=r"calib\.txt: the baseline is 0\.00027 m; is it in metres"):
+        open_pairs(tmp_path, "all")[0]
 
 
 def test_a_disparity_that_the_principal_points_make_impossible_is_unknown(tmp_path) -> None:

@@ -9,7 +9,14 @@ from m3depth.training.augmentation import AugmentConfig, crop, random_crop, resi
 from m3depth.training.batch import whole_batch
 from m3depth.training.losses import consistency_residual
 from m3depth.training.packing import SCORED, TRAINED, pack, reduction_of
-from m3depth.training.samples import JoinedPairs, PackedCache, batches, check_labels, make_batch, sample_index
+from m3depth.training.samples import (
+    JoinedPairs,
+    PackedCache,
+    batches,
+    check_labels,
+    make_batch,
+    sample_index,
+)
 from marssim.base.camera import NATECAM
 
 
