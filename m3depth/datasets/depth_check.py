@@ -9,7 +9,7 @@ them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from m3depth.datasets.config import DataConfig
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.eye_order import exchanged
-from m3depth.stereo.pairs import StereoPairs, in_grey, spread
+from m3depth.stereo.pairs import StereoPairs, in_grey, pair_name, spread
 from marssim.base.camera import StereoRig
 from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
@@ -26,6 +26,7 @@ from marssim.base.dataset.sample import StereoSample
 CHECKED = 6  # pairs of a dataset that are checked, spread over it
 WIDTH = 256  # [px] to which the images are reduced
 REACH = 128  # [px] largest disparity of a match in them
+FEWEST_PAIRS = 2  # of those that are checked, which have a difference of their own where all together have none
 FEWEST = 500  # matched pixels of known depth below which nothing is said
 EXPLAINED = 0.6  # share of the matches that an explanation must explain, and
 BETTER = 0.2  # by how much this share must exceed that of the depth as it is; noise, blur and rows gain up to 0.15
@@ -94,19 +95,31 @@ def depth_misfit(pairs: StereoPairs, among: Sequence[int] | None = None) -> str 
     indices = range(len(pairs)) if among is None else among
     if isinstance(pairs, StereoDataset) or not len(indices):
         return None
-    reduced = [_reduced(pairs[indices[number]]) for number in spread(len(indices), CHECKED)]
-    matches = _matches(reduced)
+    checked = [indices[number] for number in spread(len(indices), CHECKED)]
+    reduced = [_reduced(pairs[index]) for index in checked]
+    each = [_matches(pair) for pair in reduced]
+    matches = _joined(each)
     enough = len(matches.matched) >= FEWEST
-    config = getattr(pairs, "config", None)
-    difference = _difference(matches, config if isinstance(config, DataConfig) else None) if enough else None
-    if enough and difference is None:
-        return None
-    reason = _exchanged(reduced) or difference
+    reader = getattr(pairs, "config", None)
+    config = reader if isinstance(reader, DataConfig) else None
+    difference = (_explanation(matches, config) or _disagreement(matches)) if enough else None
     where = f"{pairs.path}: " if hasattr(pairs, "path") else ""
-    return reason and f"{where}the true depth of {counted(len(reduced), 'pair')} does not fit the images: {reason}"
+    if enough and difference is None:
+        some = {
+            index: reason
+            for index, own in zip(checked, each, strict=True)
+            if len(own.matched) >= FEWEST and (reason := _explanation(own, config))
+        }
+        if len(some) < FEWEST_PAIRS:
+            return None
+        index, reason = next(iter(some.items()))
+        parts = f"{len(some)} of {counted(len(checked), 'pair')}"
+        return f"{where}the true depth of {parts} does not fit the images, as of {pair_name(pairs, index)}: {reason}"
+    misfit = _exchanged(reduced) or difference
+    return misfit and f"{where}the true depth of {counted(len(reduced), 'pair')} does not fit the images: {misfit}"
 
 
-def _difference(matches: DepthMatches, config: DataConfig | None) -> str | None:
+def _explanation(matches: DepthMatches, config: DataConfig | None) -> str | None:
     """Return the difference between the true depth and the matches by which most of them are explained.
 
     Args:
@@ -114,7 +127,7 @@ def _difference(matches: DepthMatches, config: DataConfig | None) -> str | None:
         config: How the pairs are read, which says what their maps hold; None if that is not known.
 
     Returns:
-        None if the true depth explains them about as well as anything.
+        None if there is no such difference, or the true depth explains them about as well as anything.
     """
     factor = float(np.median(matches.matched / matches.true))
     shift = float(np.median((matches.matched - matches.true) / matches.scale))
@@ -140,11 +153,15 @@ def _difference(matches: DepthMatches, config: DataConfig | None) -> str | None:
             )
     shares = {reason: matches.agreeing(expected) for reason, expected in reasons.items()}
     best, as_it_is = max(shares, key=shares.__getitem__), matches.agreeing(matches.true)
-    if shares[best] >= max(EXPLAINED, as_it_is + BETTER):
-        return best
-    if as_it_is < HARDLY_ANY:
-        return f"{as_it_is:.0%} of the matches agree with it; check the calibration, and that maps and images are pairs"
-    return None
+    return best if shares[best] >= max(EXPLAINED, as_it_is + BETTER) else None
+
+
+def _disagreement(matches: DepthMatches) -> str | None:
+    """Return that hardly any match agrees with the true depth; None if enough do."""
+    share = matches.agreeing(matches.true)
+    if share >= HARDLY_ANY:
+        return None
+    return f"{share:.0%} of the matches agree with it; check the calibration, and that maps and images are pairs"
 
 
 def _exchanged(pairs: list[ReducedPair]) -> str | None:
@@ -156,15 +173,16 @@ def _exchanged(pairs: list[ReducedPair]) -> str | None:
     return message if exchanged((given, swapped)) else None
 
 
-def _matches(pairs: list[ReducedPair]) -> DepthMatches:
-    """Match pairs, and return their pixels of known depth that match."""
-    columns = []
-    for pair in pairs:
-        disparity = pair.matches()
-        usable = np.isfinite(disparity) & (pair.true > 0)
-        slant = np.linalg.norm(pair.rig.camera.rays(), axis=-1)
-        columns.append((disparity[usable], pair.true[usable], slant[usable], np.full(int(usable.sum()), pair.scale)))
-    return DepthMatches(*(np.concatenate(values) for values in zip(*columns, strict=True)))
+def _matches(pair: ReducedPair) -> DepthMatches:
+    """Match a pair, and return its pixels of known depth that match."""
+    disparity = pair.matches()
+    usable = np.isfinite(disparity) & (pair.true > 0)
+    slant = np.linalg.norm(pair.rig.camera.rays(), axis=-1)
+    return DepthMatches(disparity[usable], pair.true[usable], slant[usable], np.full(int(usable.sum()), pair.scale))
+
+
+def _joined(each: list[DepthMatches]) -> DepthMatches:
+    return DepthMatches(*(np.concatenate([getattr(m, field.name) for m in each]) for field in fields(DepthMatches)))
 
 
 def _reduced(sample: StereoSample) -> ReducedPair:

@@ -60,6 +60,22 @@ def test_a_wrong_unit_or_baseline_is_found_with_its_factor(power):
     assert "3 pairs" in message and "unit of the maps" in message and "baseline" in message
 
 
+@pytest.mark.parametrize("number", [1, 2])
+def test_some_pairs_in_another_unit_are_found(number):
+    """Two pairs of six are: one alone may be matched wrongly."""
+    samples = [*SAMPLES, *SAMPLES]
+    for i in range(number):
+        samples[2 * i + 1] = with_depth(samples[2 * i + 1], samples[2 * i + 1].depth / 2)
+    message = depth_misfit(samples)
+    if number == 1:
+        assert message is None
+    else:
+        assert re.match(
+            "the true depth of 2 of 6 pairs does not fit the images, as of .*: the disparities that", message
+        )
+        assert float(re.search(r"match are (\S+) times as large", message)[1]) == pytest.approx(0.5, rel=0.03)
+
+
 @pytest.mark.parametrize("shift", [-12, 6])
 def test_differing_principal_points_are_found_with_their_difference(shift):
     message = misfit(lambda sample: replace(sample, right=np.roll(sample.right, -shift, axis=1)))
