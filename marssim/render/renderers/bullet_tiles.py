@@ -11,12 +11,13 @@ import os
 import tempfile
 from dataclasses import dataclass
 from itertools import pairwise, product
+from pathlib import Path
 
-import cv2
 import numpy as np
 
 from marssim.base.camera import PinholeCamera
 from marssim.base.dataset.frame import GROUND, SKY
+from marssim.base.files.png import encode_png
 from marssim.engines.bullet import import_pybullet
 from marssim.scene.rocks.mesh import Rocks
 from marssim.scene.scene import Scene
@@ -206,7 +207,7 @@ class BulletTiles:
         handle, path = tempfile.mkstemp(suffix=".png")
         try:
             os.close(handle)
-            cv2.imwrite(path, image.astype(np.uint8))
+            Path(path).write_bytes(encode_png(image.astype(np.uint8)))
             return int(self._pb.loadTexture(path, physicsClientId=self._client))
         finally:
             os.unlink(path)
