@@ -117,9 +117,9 @@ def drawn_figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 @pytest.fixture(scope="session")
 def guide_program() -> Callable[[str], str]:
-    """The program of the guides on own estimators, drivers and networks whose first line is a file's name."""
+    """The program of the guides on own estimators, drivers, networks and pairs whose first line is a file's name."""
     guides = Path(__file__).parents[1] / "docs" / "guides"
-    pages = "".join((guides / f"{name}.md").read_text() for name in ("own-estimator", "own-driver", "rivals"))
+    pages = "".join((guides / f"{name}.md").read_text() for name in ("own-estimator", "own-driver", "rivals", "train"))
     return lambda name: re.search(rf"```python\n(# {re.escape(name)}\n.*?)```", pages, re.DOTALL)[1]
 
 
