@@ -214,7 +214,16 @@ def open_folders(paths: Sequence[Path], split: Split, config: DataConfig | None 
     Raises:
         DatasetError, ValueError: As of open_pairs.
     """
-    return [open_pairs(path, split, reader_config_for(path, paths, config or DataConfig())) for path in paths]
+    opened = []
+    for path in paths:
+        own = reader_config_for(path, paths, config or DataConfig())
+        try:
+            opened.append(open_pairs(path, split, own))
+        except DatasetError as error:
+            if len(paths) > 1 and own.changed_fields():
+                raise DatasetError(f"{error}; the flags are for all folders but those of marssim.generate") from None
+            raise
+    return opened
 
 
 def reader_config_for(path: Path, paths: Sequence[Path], config: DataConfig) -> DataConfig:

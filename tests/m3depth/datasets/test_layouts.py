@@ -16,7 +16,7 @@ from m3depth.datasets import exr
 from m3depth.datasets.config import FLAGS, DataConfig
 from m3depth.datasets.folders import matches, read_list
 from m3depth.datasets.oaisys import oaisys_rig
-from m3depth.datasets.open import detect, open_pairs
+from m3depth.datasets.open import detect, open_folders, open_pairs
 from m3depth.datasets.pair_files import SHIFT_KEY
 from m3depth.datasets.state import state_of_pairs
 from m3depth.evaluation.without_truth.pairs import are_without_truth
@@ -681,6 +681,18 @@ def test_folders_of_splits_may_lie_below_others(tmp_path, form, is_list) -> None
     for split in SPLITS:
         names = open_pairs(tmp_path / "all.txt" if is_list else tmp_path, split, config).names
         assert len(names) == 3 and all({"train": "training"}.get(split, split) in name for name in names)
+
+
+def test_flags_that_fit_one_of_several_folders_are_explained(tmp_path) -> None:
+    patterns(tmp_path / "mine", ".pfm")
+    (tmp_path / "other").mkdir()
+    config = DataConfig(left="**/*_left.jpg", right="**/*_right.jpg", disparity="**/*_map.pfm", focal=50, baseline=0.27)
+    with pytest.raises(
+        DatasetError, match=r"other: no file matches .*; the flags are for all folders but those of mars"
+    ):
+        open_folders([tmp_path / "mine", tmp_path / "other"], "train", config)
+    with pytest.raises(DatasetError, match=r"other: no file matches \S+$"):
+        open_folders([tmp_path / "other"], "train", config)
 
 
 def test_a_folder_of_a_split_beside_others_is_named(tmp_path) -> None:
