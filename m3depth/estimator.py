@@ -152,8 +152,8 @@ class EstimatorName:
     def digest(self) -> str | None:
         """Return the SHA-256 of `file` and of the files that a class names; None without a file.
 
-        To the weights of a network that this program has added, its source file belongs. What a module imports does not
-        count.
+        The source file of a network that this program has added counts with its weights. What a module imports does
+        not count.
 
         Raises:
             OSError: A file is missing or cannot be read.

@@ -175,8 +175,8 @@ class Navigator:
             tilt = np.rad2deg(np.arccos(np.clip(pose[2, 2], -1, 1)))
             raise ValueError(
                 f"pose must be body to world, x ahead and z up, and its z axis is {tilt:.0f} deg from the vertical: is "
-                "it that of a camera, or the camera's mount (--mount, spec.mount) another one? "
-                "spec.mount.left_eye gives the camera's place on the body"
+                "it that of a camera? spec.mount.left_eye gives the camera's place on the body. A wrong mount "
+                "(--mount, spec.mount) tilts it too"
             )
         if goal.shape not in ((2,), (3,)) or not np.isfinite(goal).all():
             raise ValueError(f"goal must be 2 or 3 finite numbers [m], got {goal}")

@@ -97,24 +97,24 @@ def depth_misfit(pairs: StereoPairs, among: Sequence[int] | None = None) -> str 
         return None
     checked = [indices[number] for number in spread(len(indices), CHECKED)]
     reduced = [_reduced(pairs[index]) for index in checked]
-    each = [_matches(pair) for pair in reduced]
-    matches = _joined(each)
+    matches_by_pair = [_matches(pair) for pair in reduced]
+    matches = _joined(matches_by_pair)
     enough = len(matches.matched) >= FEWEST
     reader = getattr(pairs, "config", None)
     config = reader if isinstance(reader, DataConfig) else None
     difference = (_explanation(matches, config) or _disagreement(matches)) if enough else None
     where = f"{pairs.path}: " if hasattr(pairs, "path") else ""
     if enough and difference is None:
-        some = {
+        reasons = {
             index: reason
-            for index, own in zip(checked, each, strict=True)
-            if len(own.matched) >= FEWEST and (reason := _explanation(own, config))
+            for index, of_pair in zip(checked, matches_by_pair, strict=True)
+            if len(of_pair.matched) >= FEWEST and (reason := _explanation(of_pair, config))
         }
-        if len(some) < FEWEST_PAIRS:
+        if len(reasons) < FEWEST_PAIRS:
             return None
-        index, reason = next(iter(some.items()))
-        parts = f"{len(some)} of {counted(len(checked), 'pair')}"
-        return f"{where}the true depth of {parts} does not fit the images, as of {pair_name(pairs, index)}: {reason}"
+        index, reason = next(iter(reasons.items()))
+        some = f"{len(reasons)} of {counted(len(checked), 'pair')}, one of them {pair_name(pairs, index)},"
+        return f"{where}the true depth of {some} does not fit the images: {reason}"
     misfit = _exchanged(reduced) or difference
     return misfit and f"{where}the true depth of {counted(len(reduced), 'pair')} does not fit the images: {misfit}"
 
@@ -181,8 +181,8 @@ def _matches(pair: ReducedPair) -> DepthMatches:
     return DepthMatches(disparity[usable], pair.true[usable], slant[usable], np.full(int(usable.sum()), pair.scale))
 
 
-def _joined(each: list[DepthMatches]) -> DepthMatches:
-    return DepthMatches(*(np.concatenate([getattr(m, field.name) for m in each]) for field in fields(DepthMatches)))
+def _joined(matches: list[DepthMatches]) -> DepthMatches:
+    return DepthMatches(*(np.concatenate([getattr(m, field.name) for m in matches]) for field in fields(DepthMatches)))
 
 
 def _reduced(sample: StereoSample) -> ReducedPair:

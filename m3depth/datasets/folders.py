@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
@@ -133,7 +134,7 @@ def matches(root: Path, pattern: str) -> dict[tuple[str, ...], Path]:
 
 
 def list_pairs(
-    file: Path, root: Path, rigs: CalibrationFinder, config: DataConfig, beside: Sequence[Path] = ()
+    file: Path, root: Path, rigs: CalibrationFinder, config: DataConfig, other_lists: Sequence[Path] = ()
 ) -> Iterator[PairFiles]:
     """Yield the pairs of an OpenStereo list: lines of "left right disparity" with paths from `root`.
 
@@ -144,15 +145,18 @@ def list_pairs(
         root: Folder that its paths start from.
         rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
         config: The unit of the maps.
-        beside: The lists of other splits, whose pairs get other names.
+        other_lists: The lists of other splits, whose pairs get other names. One that cannot be read does not count.
 
     Raises:
         DatasetError: The list is missing or a line is malformed; the message names list and line.
     """
     rows = read_list(file, (3,))
     lefts = [words[0] for words in rows]
-    others = [words[0] for other in beside for words, _ in _words_of_lines(other) if words]
-    for words, name, scene in zip(rows, names_of_list(root, [*lefts, *others]), _scenes(lefts)):
+    more_lefts = []
+    for other in other_lists:
+        with suppress(DatasetError):
+            more_lefts += [words[0] for words, _ in _words_of_lines(other) if words]
+    for words, name, scene in zip(rows, names_of_list(root, [*lefts, *more_lefts]), _scenes(lefts)):
         left, right, truth = (root / word for word in words)
         occluded = root / "occluded" / f"{left.stem}.png"
         yield PairFiles(

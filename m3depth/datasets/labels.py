@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from m3depth.datasets.config import DataConfig
 from m3depth.datasets.maps import FAR
 from m3depth.datasets.pair_files import FITTED
 from m3depth.stereo.pairs import StereoPairs
@@ -19,11 +20,14 @@ def advice(pairs: StereoPairs, has_sky: bool) -> str:
         pairs: The pairs.
         has_sky: Whether a pixel of them is sky.
     """
-    config = getattr(pairs, "config", None)  # datasets of marssim have none
+    reader = getattr(pairs, "config", None)
+    config = reader if isinstance(reader, DataConfig) else None  # as of datasets of marssim, and of users
     if has_sky:
         hint = "; if the maps hold millimetres, give --unit 1000" if config is not None else ""
         return f"what is known is sky, {FAR:g} m and farther{hint}"
     if config is None:
         return "check the maps"
+    if config.format == "oaisys":
+        return "check the maps and --depth-range"
     negative = " (-1 for negative disparities)" if config.depth is None else ""
     return f"check the maps, --unit{negative} and --depth-range"

@@ -23,7 +23,7 @@ from m3depth.datasets.config import DataConfig, Format, Split
 from m3depth.datasets.folders import folder_pairs, list_pairs
 from m3depth.datasets.oaisys import is_sensor_name, oaisys
 from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, read_pair_files
-from m3depth.datasets.rigs import FileRig, given_rig
+from m3depth.datasets.rigs import given_rig, rigs_of_files
 from m3depth.stereo.pairs import StereoPairs
 from marssim.base.dataset.dataset import SPLITS, StereoDataset, split_of
 from marssim.base.dataset.sample import StereoSample
@@ -171,7 +171,7 @@ def open_pairs(path: str | os.PathLike[str], split: Split, config: DataConfig | 
     if layout == "marssim":
         return StereoDataset(path, None if split == "all" else split)
     rig_of_flags = given_rig(config)
-    rigs: CalibrationFinder = rig_of_flags or (sceneflow_rig if layout == "sceneflow" else FileRig)
+    rigs: CalibrationFinder = rig_of_flags or (sceneflow_rig if layout == "sceneflow" else rigs_of_files())
     if layout in ("folder", "oaisys") and rig_of_flags is None and not (path / "calib.txt").is_file():
         raise DatasetError(f"{path}: layout {layout} needs --calib, or --focal and --baseline, or {path / 'calib.txt'}")
     if layout == "list":
@@ -186,7 +186,7 @@ def open_pairs(path: str | os.PathLike[str], split: Split, config: DataConfig | 
             replace(p, name=f"{name}/{p.name}", group=f"{name}/{p.group}") for name, pairs in parts for p in pairs
         ]
     elif pairs := list(read(path, config, rigs)):
-        chosen = [pair for pair, part in zip(pairs, splits_of(pairs)) if split in (part, "all")]
+        chosen = pairs if split == "all" else [p for p, part in zip(pairs, splits_of(pairs)) if part == split]
     else:
         raise DatasetError(f"{path}: holds no pairs of layout {layout}")
     return PairList(path, split, chosen, config)
@@ -252,10 +252,11 @@ def splits_of(pairs: Sequence[PairFiles]) -> list[str]:
         DatasetError: Some pairs lie in folders named after splits, and others do not.
     """
     folders = [pair.name.lower().split("/") for pair in pairs]
-    for place in range(max(1, min(map(len, folders)) - 1)):
-        named = [SPLIT_NAMES.get(parts[place], parts[place]) for parts in folders]
+    for place in range(max(1, max(map(len, folders)) - 1)):
+        at_place = [parts[place] if place == 0 or place < len(parts) - 1 else "" for parts in folders]
+        named = [SPLIT_NAMES.get(name, name) for name in at_place]
         if len(set(named)) == 1:
-            named = [parts[place] for parts in folders]
+            named = at_place
         splits, present = set(named) & set(SPLITS), set(named)
         if not splits or (place > 0 and len(splits) == 1):
             continue
@@ -279,11 +280,11 @@ def _lists(path: Path, split: Split, rigs: CalibrationFinder, config: DataConfig
     """Return the pairs of a split from one list, or from the lists train.txt, val.txt and test.txt of a folder."""
     if path.is_file():
         pairs = list(list_pairs(path, path.parent, rigs, config))
-        return [pair for pair, part in zip(pairs, splits_of(pairs)) if split in (part, "all")]
+        return pairs if split == "all" else [p for p, part in zip(pairs, splits_of(pairs)) if part == split]
     present = [name for name in SPLITS if (path / f"{name}.txt").is_file()]
     if not present:
         raise DatasetError(f"{path}: holds no list named train.txt, val.txt or test.txt")
     files = {name: path / f"{name}.txt" for name in present}
-    asked = [name for name in present if split in (name, "all")]
-    beside = {name: [file for other, file in files.items() if other != name] for name in asked}
-    return [pair for name in asked for pair in list_pairs(files[name], path, rigs, config, beside[name])]
+    lists = [name for name in present if split in (name, "all")]
+    others = {name: [file for other, file in files.items() if other != name] for name in lists}
+    return [pair for name in lists for pair in list_pairs(files[name], path, rigs, config, others[name])]

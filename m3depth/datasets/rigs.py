@@ -8,7 +8,7 @@ from pathlib import Path
 
 from m3depth.datasets.config import DataConfig
 from m3depth.datasets.oaisys import oaisys_rig
-from m3depth.datasets.pair_files import CalibrationFinder
+from m3depth.datasets.pair_files import CalibrationFinder, CalibrationReader
 from marssim.base.calibration.rectified import Calibration, read_calibration
 from marssim.base.camera import NARROWEST_BASELINE, NATECAM, WIDEST_BASELINE
 from marssim.base.files.json_file import DatasetError
@@ -18,7 +18,7 @@ SAME_SHAPE, OTHER_SCALE = 0.03, 0.1  # shares by which the shapes and the sizes 
 
 
 class CommonSize:
-    """The size of the first images that a focal length [px] serves: others may be cut, but not scaled.
+    """The size of the first images that are read with a focal length [px]. Others may be cut to another shape.
 
     Args:
         source: What gives the focal length, for messages: a flag, or a file.
@@ -33,11 +33,11 @@ class CommonSize:
         if self.first is None:
             self.first = left, width, height
         other, first_width, first_height = self.first
-        scale, down = width / first_width, height / first_height
-        if abs(scale / down - 1) < SAME_SHAPE and abs(scale - 1) > OTHER_SCALE:
+        scale, shape = width / first_width, (width / height) / (first_width / first_height)
+        if abs(shape - 1) < SAME_SHAPE and abs(scale - 1) > OTHER_SCALE:
             raise DatasetError(
                 f"{left}: is {width} x {height} px, and {other} {first_width} x {first_height}: {self.source} is in "
-                "pixels of one size; keep images of each size in a folder of their own"
+                "pixels of one size; resize the images, or give each size a folder with a calib.txt of its own"
             )
 
 
@@ -73,7 +73,8 @@ class FileRig:
             raise DatasetError(f"{self.file}: the baseline is {baseline:g} m; are left and right exchanged?")
         if baseline < NARROWEST_BASELINE:
             raise DatasetError(
-                f"{self.file}: the baseline is {baseline:g} m; is it in metres, where Middlebury's are in millimetres?"
+                f"{self.file}: the baseline is {baseline:g} m; is it in the unit of the format, millimetres in "
+                "Middlebury's and metres in others?"
             )
         if baseline > WIDEST_BASELINE:
             raise DatasetError(
@@ -103,6 +104,17 @@ def given_rig(config: DataConfig) -> CalibrationFinder | None:
         return lambda calib, left: FileRig(path, left, is_given=True, common=size)
     rig: Calibration = sensors
     return lambda calib, left: SensorRig(path, left, rig)
+
+
+def rigs_of_files() -> CalibrationFinder:
+    """Return what reads the calibration file of a pair, of which one may serve all."""
+    sizes: dict[Path, CommonSize] = {}
+
+    def rig(calib: Path, left: Path) -> CalibrationReader:
+        size = sizes.setdefault(calib, CommonSize(f"the focal length of {calib}"))
+        return FileRig(calib, left, common=size)
+
+    return rig
 
 
 def _centred(focal: float, baseline: float, common: CommonSize, left: Path, width: int, height: int) -> Calibration:

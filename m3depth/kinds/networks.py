@@ -7,7 +7,7 @@ import math
 from contextlib import suppress
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 from torch import nn
 
@@ -56,6 +56,9 @@ CLASSES: dict[type, Any] = {
 SHIPPED = frozenset({M3DepthConfig.KIND, *CONFIGS})  # kinds of this package; another one may be added again
 
 
+SIZES = {int, float, bool, str}  # types of the sizes of a network
+
+
 def new_network(config: NetworkConfig) -> StereoNetwork:
     """Make a new network with random weights."""
     return CLASSES[type(config)](config)
@@ -77,9 +80,13 @@ def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
         raise ValueError(f"config must be a dataclass, a subclass of RivalConfig with KIND as a text, got {config!r}")
     if not (isinstance(network, type) and issubclass(network, StereoRival)):
         raise ValueError(f"network must be a subclass of StereoRival, got {network!r}")
+    kinds = get_type_hints(config)
     for size in fields(config):
-        if size.default is MISSING:
-            raise ValueError(f"{config.__qualname__}: {size.name} must have a default")
+        if not _is_size(size.default, kinds[size.name]):
+            raise ValueError(
+                f"{config.__qualname__}: {size.name} must be declared as int, float, bool, str or a tuple of one of "
+                f"them, with a default of this type, got {'none' if size.default is MISSING else repr(size.default)}"
+            )
     try:
         sizes = config()
         config.from_dict(asdict(sizes))
@@ -89,8 +96,18 @@ def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
         raise ValueError(f"{config.__qualname__}: a network of this package has the kind {config.KIND!r}")
     CONFIGS[config.KIND], CLASSES[config] = config, network
     SOURCES.pop(config.KIND, None)
-    with suppress(TypeError):  # a class of a notebook has no file
-        SOURCES[config.KIND] = Path(inspect.getfile(network))
+    with suppress(TypeError, OSError):  # a class of a notebook has no file
+        source = Path(inspect.getfile(network))
+        if source.is_file():
+            SOURCES[config.KIND] = source
+
+
+def _is_size(default: object, kind: object) -> bool:
+    """Return whether a default is of the type that its field declares, one that a file of weights can hold."""
+    if get_origin(kind) is not tuple:
+        return kind in SIZES and type(default) is kind
+    parts = set(get_args(kind)) - {Ellipsis}
+    return isinstance(default, tuple) and bool(default) and parts == set(map(type, default)) and len(parts & SIZES) == 1
 
 
 def draw_normal(network: nn.Module) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 
 import cv2
 import torch
@@ -205,13 +205,14 @@ def take_steps(run: Run, stream: Iterator[Batch], log: Log | None, validator: Va
                 return bool(stopped)
             before = time.monotonic()
             try:
-                following = next(stream)
+                next_batch = next(stream)
             except (ValueError, OSError):  # a broken pair: the steps until here are not lost
-                if log and batch is not None:
-                    check_state(run, batch, dtype)
-                    run.save()
+                with suppress(FloatingPointError, OSError):
+                    if log and batch is not None:
+                        check_state(run, batch, dtype)
+                        run.save()
                 raise
-            batch = following.to(device)
+            batch = next_batch.to(device)
             waited += time.monotonic() - before
             with memory_errors_explained(config):
                 values = one_step(run, network, batch, learning_rate(config.lr, done, config.schedule), dtype)

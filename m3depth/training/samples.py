@@ -130,8 +130,8 @@ def without_labels(cache: PackedCache, samples: StereoPairs) -> list[str]:
         empty = [index for index in first if not (cache[index].flags & (TRAINED | SKY)).any()]
         if empty:
             hint = advice(getattr(samples, "parts", [samples])[number], has_sky=False)
-            pairs = f"{len(empty)} of the first {counted(len(first), 'pair')}"
-            sentences.append(f"{pair_name(samples, empty[0])}: {pairs} have no pixel that can be trained; {hint}")
+            pairs = f"{len(empty)} of the first {counted(len(first), 'pair')} {'has' if len(empty) == 1 else 'have'}"
+            sentences.append(f"{pair_name(samples, empty[0])}: {pairs} no pixel that can be trained; {hint}")
     return sentences
 
 

@@ -3,6 +3,7 @@
 import importlib
 import sys
 from dataclasses import dataclass
+from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
@@ -90,13 +91,36 @@ class WithNone(RivalConfig):
     radius: int | None = None
 
 
+@dataclass(frozen=True)
+class OtherDefault(RivalConfig):
+    """A file with a share of 0.5 would be refused, since the default is a whole number."""
+
+    KIND: ClassVar[str] = "other"
+    share: float = 1
+
+
+def test_a_network_of_a_notebook_can_be_added(monkeypatch):
+    module = ModuleType("__main__")  # without a file
+    monkeypatch.setitem(sys.modules, "__main__", module)
+    network = type("Cell", (RaftStereo,), {"__module__": "__main__"})
+    monkeypatch.setitem(CLASSES, Sizes, network)
+    monkeypatch.setitem(CONFIGS, "sizes", Sizes)
+    add_network(Sizes, network)
+    assert CLASSES[Sizes] is network and "sizes" not in SOURCES
+
+
 def test_a_network_that_cannot_be_added_is_named():
     for config, network, message in (
         (SameName, RaftStereo, "^SameName: a network of this package has the kind 'raft-stereo'$"),
         (WithoutName, RaftStereo, r"^config must be a dataclass, .* with KIND as a text, got .*WithoutName"),
         (NoDataclass, RaftStereo, r"^config must be a dataclass, .*NoDataclass"),
-        (WithoutDefault, RaftStereo, "^WithoutDefault: width must have a default$"),
-        (WithNone, RaftStereo, "^WithNone: radius must be a number, a text, a switch or a tuple of them, got None$"),
+        (
+            WithoutDefault,
+            RaftStereo,
+            "^WithoutDefault: width must be declared as int, .* of this type, got none$",
+        ),
+        (WithNone, RaftStereo, "^WithNone: radius must be declared as int, .*, got None$"),
+        (OtherDefault, RaftStereo, "^OtherDefault: share must be declared as int, .*, got 1$"),
         (RaftStereoConfig(), RaftStereo, r"^config must be a dataclass, .*got RaftStereoConfig\("),
         ("plain", RaftStereo, r"^config must be a dataclass, .*got 'plain'$"),
         (RaftStereoConfig, dict, "^network must be a subclass of StereoRival, got <class 'dict'>$"),

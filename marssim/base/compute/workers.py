@@ -129,8 +129,7 @@ def _in_processes(
     function: Callable[..., Any], tasks: Sequence[Task], done: Callable[[Task, Any], object], count: int
 ) -> None:
     with signals_left_to_parent():
-        resource_tracker.ensure_running()  # which the semaphore of the permit would start, and a closed terminal end
-    permit = permit_for_workers(_SPAWN)
+        permit = permit_for_workers(_SPAWN)
     workers = [_Worker(permit) for _ in range(count)]
     waiting, idle = list(reversed(tasks)), list(workers)
     running: dict[Future[Any], tuple[_Worker, Task]] = {}
@@ -175,12 +174,18 @@ def _environment_of_workers() -> Iterator[None]:
 
 @contextmanager
 def signals_left_to_parent() -> Iterator[None]:
-    """Block the signals of a terminal, so that processes that start in the block never get them."""
+    """Block the signals of a terminal, so that processes that start in the block never get them.
+
+    Neither does the tracker of resources, which a first semaphore or process would start; it ignores SIGINT alone.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    blocked = {signal.SIGINT, signal.SIGHUP}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
     try:
+        resource_tracker.ensure_running()  # which unblocks SIGINT
+        signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)

@@ -3,7 +3,7 @@
 import io
 import json
 import shutil
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
@@ -705,11 +705,18 @@ def test_a_folder_of_a_split_beside_others_is_named(tmp_path) -> None:
         DatasetError, match=r"left/test/0\.png: lies in a folder of a split, but .*left/more/0\.png does not"
     ):
         open_pairs(tmp_path, "train", config)
+    assert len(open_pairs(tmp_path, "all", config)) == 3
+    for eye, content in (("left", image()), ("right", image(1)), ("map", ramp())):
+        shutil.rmtree(tmp_path / eye / "more")
+        put(tmp_path / eye / ("2.pfm" if eye == "map" else "2.png"), content)  # beside the folders of splits
+    config = replace(config, left="left/**/*.png", right="right/**/*.png", disparity="map/**/*.pfm")
+    with pytest.raises(DatasetError, match=r"lies in a folder of a split, but .*left/2\.png does not"):
+        open_pairs(tmp_path, "train", config)
     shutil.rmtree(tmp_path / "left/test")  # one split's name alone is no split
     assert [len(open_pairs(tmp_path, split, config)) for split in ("train", "all")] == [1, 2]
 
 
-@pytest.mark.parametrize("source", ["--focal", "file"])
+@pytest.mark.parametrize("source", ["--focal", "--calib", "calib.txt"])
 def test_images_at_another_scale_need_a_focal_length_of_their_own(tmp_path, source) -> None:
     """But not those that are cut, as of KITTI, whose sizes differ by a few pixels."""
     height, width = image().shape[:2]
@@ -719,7 +726,8 @@ def test_images_at_another_scale_need_a_focal_length_of_their_own(tmp_path, sour
             put(tmp_path / eye / f"{name}.png", image()[:rows, :columns])
         put(tmp_path / "map" / f"{name}.pfm", ramp()[:rows, :columns])
     put(tmp_path / "calib.txt", "P2: 50 0 9 0 0 50 5 0 0 0 1 0\nP3: 50 0 9 -13.5 0 50 5 0 0 0 1 0\n")
-    rig = {"focal": 50, "baseline": 0.27} if source == "--focal" else {"calib": tmp_path / "calib.txt"}
+    sources = {"--focal": {"focal": 50, "baseline": 0.27}, "--calib": {"calib": tmp_path / "calib.txt"}}
+    rig = sources.get(source, {})
     pairs = open_pairs(
         tmp_path, "all", DataConfig(left="left/*.png", right="right/*.png", disparity="map/*.pfm", **rig)
     )
@@ -733,7 +741,7 @@ def test_a_baseline_in_metres_where_millimetres_are_expected_is_named(tmp_path) 
     for name, content in (("im0.png", image()), ("im1.png", image(1)), ("disp0.pfm", ramp())):
         put(scene / name, content)
     put(scene / "calib.txt", "cam0=[50 0 9; 0 50 5; 0 0 1]\nbaseline=0.27\n")
-    with pytest.raises(DatasetError, match=r"calib\.txt: the baseline is 0\.00027 m; is it in metres"):
+    with pytest.raises(DatasetError, match=r"calib\.txt: the baseline is 0\.00027 m; is it in the unit"):
         open_pairs(tmp_path, "all")[0]
 
 

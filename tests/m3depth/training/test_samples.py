@@ -16,6 +16,7 @@ from m3depth.training.samples import (
     check_labels,
     make_batch,
     sample_index,
+    without_labels,
 )
 from marssim.base.camera import NATECAM
 
@@ -287,3 +288,7 @@ def test_a_first_pair_without_labels_does_not_end_a_training(plane_samples) -> N
     for samples, is_refused in (([blank, plane_samples[1]], False), ([blank] * 9, True)):
         with pytest.raises(ValueError, match="no pixel of 8 pairs, from this one on") if is_refused else nullcontext():
             check_labels(PackedCache(samples, 1 << 30), samples)
+    samples = JoinedPairs([plane_samples[:2], [plane_samples[0], blank, blank], [blank, plane_samples[1]]])
+    first, second = without_labels(PackedCache(samples, 1 << 30), samples)
+    assert "2 of the first 3 pairs have no pixel that can be trained; check the maps" in first
+    assert "1 of the first 2 pairs has no pixel that can be trained; check the maps" in second

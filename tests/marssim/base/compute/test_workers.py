@@ -186,6 +186,14 @@ def test_a_killed_worker_is_an_error_and_the_others_end_at_once(tmp_path):
     assert has_ended(int((tmp_path / "b").read_text()))
 
 
+def test_windows_starts_no_tracker_of_resources(monkeypatch):
+    """It has none."""
+    monkeypatch.delattr(signal, "pthread_sigmask")
+    monkeypatch.setattr(workers.resource_tracker, "ensure_running", lambda: pytest.fail("started"))
+    with workers.signals_left_to_parent():
+        pass
+
+
 PROGRAM = """
 import signal, sys
 from pathlib import Path
