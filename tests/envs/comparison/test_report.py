@@ -94,7 +94,7 @@ def test_episodes_that_a_method_lacks_are_counted():
 def test_conditions_of_unequal_weight_are_reported():
     unequal = {"truth": together(TRUTH, driven([1.0], "storm"))}
     (note,) = [note for note in comparison_notes(unequal) if "weighs" in note]
-    assert note.startswith("The conditions have 1 to 4 courses each, and the row `all` weighs each condition by its")
+    assert note.startswith("The conditions have 1 to 4 courses each, and the row all weighs each condition by its")
     equal = {"truth": together(TRUTH, driven([1.0] * 4, "storm"))}
     assert not any("weighs" in note for note in comparison_notes(equal))
 
