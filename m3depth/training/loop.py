@@ -11,14 +11,11 @@ import cv2
 import torch
 from torch import Tensor, nn
 
-from m3depth.datasets.depth_check import depth_misfit
-from m3depth.datasets.labels import NO_NORMALS
 from m3depth.datasets.state import state_of_pairs
 from m3depth.network.device import autocast, fast_dtype
 from m3depth.network.output import StereoOutput
 from m3depth.network.stereo_network import StereoNetwork
-from m3depth.stereo.pairs import StereoPairs, pair_name
-from m3depth.training.augmentation import check_crop
+from m3depth.stereo.pairs import StereoPairs
 from m3depth.training.batch import Batch, network_inputs
 from m3depth.training.config import TrainConfig, check_config, in_steps
 from m3depth.training.curves import save_curves
@@ -28,7 +25,7 @@ from m3depth.training.losses import total_loss
 from m3depth.training.messages import announce, data_names, progress_text, summary
 from m3depth.training.process_group import agree, entered_by_first, joined_group
 from m3depth.training.run import Run, learning_rate
-from m3depth.training.samples import PackedCache, batches, check_labels, parts_of, without_labels, without_normals
+from m3depth.training.samples import PackedCache, batches, check_crops, check_labels, warnings_of
 from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.run import is_out_of_memory
 from marssim.base.command.signals import stop_on_signal
@@ -80,12 +77,8 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             log = opened.enter_context(closing(Log(config.out, run.step))) if rank == 0 else None
             if log:
                 announce(run, resumed, len(samples), len(held_out))
-                for sentence in without_labels(cache, samples):
-                    log.say(f"warning: {sentence}")
-                for name in without_normals(cache, samples) if config.reader.normals == "depth" else ():
-                    log.say(f"warning: {name} and the pairs after it: {NO_NORMALS}")
-                for finding in filter(None, map(depth_misfit, getattr(samples, "parts", [samples]))):
-                    log.say(f"warning: {finding}")
+                for warning in warnings_of(cache, samples, config.reader.normals == "depth"):
+                    log.say(f"warning: {warning}")
                 log.start(run.step, config.seed, data, world)
             stream = opened.enter_context(
                 closing(
@@ -103,19 +96,6 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
             if stopped and "LOCAL_RANK" not in os.environ:
                 raise KeyboardInterrupt
             return scores
-
-
-def check_crops(cache: PackedCache, samples: StereoPairs, size: tuple[int, int]) -> None:
-    """Raise ValueError if the first pair of a dataset is smaller than the crops.
-
-    Args:
-        cache: The samples.
-        samples: The same, which may be the JoinedPairs of several datasets.
-        size: Height and width of the crops [px].
-    """
-    for part in parts_of(samples):
-        if part:
-            check_crop(cache[part.start], size, pair_name(samples, part.start))
 
 
 def report_spent_budget(run: Run, budget: str, held_out: StereoPairs) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The samples of a training run: joined, cached, shuffled, and prepared as batches in the background.
+"""The samples of a training run: joined, cached, checked, shuffled, and prepared as batches in the background.
 
 Every batch is a function of (seed, step, rank) alone, so that a resumed run continues with the same batches.
 """
@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.datasets.labels import advice
+from m3depth.datasets.depth_check import depth_misfit
+from m3depth.datasets.labels import NO_NORMALS, advice
 from m3depth.datasets.state import state_of_pairs
 from m3depth.stereo.pairs import StereoPairs, pair_name
 from m3depth.training.augmentation import AugmentConfig, augment, check_crop, random_crop
@@ -94,6 +95,19 @@ def parts_of(samples: StereoPairs) -> list[range]:
     return [range(first, end) for first, end in pairwise([0, *getattr(samples, "ends", [len(samples)])])]
 
 
+def check_crops(cache: PackedCache, samples: StereoPairs, size: tuple[int, int]) -> None:
+    """Raise ValueError if the first pair of a dataset is smaller than the crops.
+
+    Args:
+        cache: The samples.
+        samples: The same, which may be the JoinedPairs of several datasets.
+        size: Height and width of the crops [px].
+    """
+    for part in parts_of(samples):
+        if part:
+            check_crop(cache[part.start], size, pair_name(samples, part.start))
+
+
 def check_labels(cache: PackedCache, samples: StereoPairs) -> None:
     """Raise ValueError if the first pairs of a dataset, up to LABELLED, have no pixel whose depth is trained.
 
@@ -115,6 +129,22 @@ def check_labels(cache: PackedCache, samples: StereoPairs) -> None:
                     f"{pair_name(samples, part.start)}: no pixel of {counted(len(part[:LABELLED]), 'pair')}, from this "
                     f"one on, has a depth that can be trained; {hint}"
                 )
+
+
+def warnings_of(cache: PackedCache, samples: StereoPairs, fitted_normals: bool) -> list[str]:
+    """Return sentences on datasets whose labels are missing in part, or do not fit the images.
+
+    Args:
+        cache: The samples.
+        samples: The same, which may be the JoinedPairs of several datasets.
+        fitted_normals: Whether the normals are fitted to the depth.
+    """
+    normals = without_normals(cache, samples) if fitted_normals else []
+    misfits = map(depth_misfit, getattr(samples, "parts", [samples]))
+    return [
+        *without_labels(cache, samples), *(f"{name} and the pairs after it: {NO_NORMALS}" for name in normals),
+        *filter(None, misfits),
+    ]  # fmt: skip
 
 
 def without_labels(cache: PackedCache, samples: StereoPairs) -> list[str]:
