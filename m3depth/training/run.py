@@ -19,7 +19,7 @@ from m3depth.kinds.networks import draw_normal, load_network, new_network
 from m3depth.network.device import fast_dtype
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
-from m3depth.rivals.config import NormalConfig
+from m3depth.rivals.config import SOURCES, NormalConfig
 from m3depth.rivals.normal_network import with_depth_weights
 from m3depth.training.config import PAPER_LOSS, TrainConfig
 from m3depth.training.loss_config import LossConfig
@@ -151,7 +151,9 @@ class Run:
         seconds: Time spent [s].
         init_sha256: SHA-256 of the file of --init as the run began; None without one.
         data: What identifies the training pairs, as of state_of_pairs; None if that is not known.
-        changed: How a resumed run differs from the one that it continues: flags with both values, and other pairs.
+        source: SHA-256 of the source file of a network that the program has added; None for those of the package.
+        changed: How a resumed run differs from the one that it continues: flags with both values, other pairs, and
+            another source of the network.
     """
 
     def __init__(self, config: TrainConfig, device: torch.device, world: int = 1) -> None:
@@ -163,8 +165,9 @@ class Run:
         self.optimizer = torch.optim.AdamW(self.model.parameters(), config.lr, weight_decay=config.weight_decay)
         self.step = 0
         self.seconds = 0.0
-        self.init_sha256 = _sha256(config.init)
+        self.init_sha256 = None if config.init is None else _sha256(weights_file(config.init))
         self.data: str | None = None
+        self.source = _sha256(SOURCES.get(self.model.config.KIND))
         self.changed: list[str] = []
 
     @property
@@ -223,6 +226,7 @@ class Run:
             "step": self.step,
             "seconds": self.seconds,
             "data": self.data,
+            "source": self.source,
             "rng": torch.get_rng_state(),
         }
         buffer = io.BytesIO()
@@ -260,12 +264,13 @@ class Run:
         self.step, self.seconds = state["step"], state["seconds"]
         self.init_sha256, self.data = digest or self.init_sha256, state.get("data")
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in changes]
+        if state.get("source") not in (None, self.source):
+            self.changed.append("the source file of the network has changed")
         return True
 
 
-def _sha256(init: Path | None) -> str | None:
-    """Return the SHA-256 of a file of weights; None where there is none any more, as a resumed run does not read it."""
-    file = None if init is None else weights_file(init)
+def _sha256(file: Path | None) -> str | None:
+    """Return the SHA-256 of a file; None without one, and where it is gone, as a resumed run does not read it."""
     return None if file is None or not file.is_file() else hashlib.sha256(file.read_bytes()).hexdigest()
 
 

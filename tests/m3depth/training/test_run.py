@@ -8,6 +8,7 @@ import torch
 from small_network import SMALL
 
 from m3depth.network import model as model_module
+from m3depth.rivals.config import SOURCES
 from m3depth.training.config import TrainConfig
 from m3depth.training.run import Run, saved_progress
 
@@ -47,6 +48,19 @@ def test_what_was_saved_is_continued(run):
     assert again.resume() and (again.step, again.seconds, again.changed) == (1, 2.5, [])
     for before, now in zip(run.optimizer.state.values(), again.optimizer.state.values(), strict=True):
         assert all(torch.equal(before[name], now[name]) for name in ("step", "exp_avg", "exp_avg_sq"))
+
+
+def test_another_source_of_an_added_network_is_named(run, tmp_path, monkeypatch):
+    source = tmp_path / "own.py"
+    source.write_text("width = 1\n")
+    monkeypatch.setitem(SOURCES, SMALL.KIND, source)
+    before = Run(run.config, CPU)
+    before.save()
+    same = Run(run.config, CPU)
+    assert same.resume() and same.changed == []
+    source.write_text("width = 2\n")
+    other = Run(run.config, CPU)
+    assert other.resume() and other.changed == ["the source file of the network has changed"]
 
 
 @pytest.mark.parametrize(
