@@ -5,8 +5,8 @@
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
 to the first method of the first file, or to --reference. A second table has the failures: how they ended, and why, if
-they were recorded. A third one has the correlation of success and SPL with the errors of the depth on the way: which
-metric of the depth goes with drives.
+they were recorded. A third one has the errors of the depth on the way, and a fourth one the correlation of success and
+SPL with them: which metric of the depth goes with drives.
 """
 
 from __future__ import annotations
@@ -19,7 +19,13 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from envs.comparison.depth_metrics import condition_dots, correlate, correlation_table, dots_without_each_course
+from envs.comparison.depth_metrics import (
+    condition_dots,
+    correlate,
+    correlation_table,
+    depth_table,
+    dots_without_each_course,
+)
 from envs.comparison.methods import methods_of, under_conditions, with_first
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
@@ -130,7 +136,7 @@ def page(content: Mapping[str, Any]) -> str:
     tables = f"{comparison_table(content['rows'])}\n{notes}"
     failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
     correlations = correlation_table(content["correlations"])
-    return "\n".join(part for part in (head + tables, failures, correlations) if part)
+    return "\n".join(part for part in (head + tables, failures, depth_table(content["dots"]), correlations) if part)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -15,6 +15,7 @@ from envs.comparison.suite_results import Episode
 from envs.drives.report import bounds
 from envs.world.perception import GROUND_TRUTH
 from m3depth.evaluation.bootstrap import FEWEST_CLUSTERS
+from marssim.base.files.markdown import in_table
 
 FEWEST = 3  # dots that a correlation needs, and that must differ from the others in the metric and in the score
 DIGITS = 12  # decimals of scores and metrics that count, as means of equal values may differ by rounding
@@ -35,8 +36,17 @@ class Metric(NamedTuple):
 
 
 def _mean_abs_rel(drives: Sequence[Episode]) -> float | None:
-    errors = [drive["abs_rel"] for drive in drives if drive.get("abs_rel") is not None]
+    errors = _abs_rel(drives)
     return float(np.mean(errors)) if errors else None
+
+
+def _median_abs_rel(drives: Sequence[Episode]) -> float | None:
+    errors = _abs_rel(drives)
+    return float(np.median(errors)) if errors else None
+
+
+def _abs_rel(drives: Sequence[Episode]) -> list[float]:
+    return [drive["abs_rel"] for drive in drives if drive.get("abs_rel") is not None]
 
 
 def _ratio(count: str, among: str) -> Callable[[Sequence[Episode]], float | None]:
@@ -68,9 +78,9 @@ def condition_dots(methods: Mapping[str, DrivenMethod], without: int | None = No
         without: Number of a course to leave out, under all conditions.
 
     Returns:
-        condition, method, episodes, success_rate, spl; each metric of METRICS, None where it was not recorded, as with
-        true depth; and success_rate_less_truth and spl_less_truth: what is left after taking away the scores of the
-        same driver with true depth, None where no method drove with it.
+        condition, method, episodes, success_rate, spl; each metric of METRICS, and median_abs_rel, over the drives,
+        None where it was not recorded, as with true depth; and success_rate_less_truth and spl_less_truth: what is left
+        after taking away the scores of the same driver with true depth, None where no method drove with it.
 
     Raises:
         ValueError: The methods have no episode in common.
@@ -96,6 +106,7 @@ def condition_dots(methods: Mapping[str, DrivenMethod], without: int | None = No
                     "condition": condition, "method": label, "episodes": len(drives[label]),
                     **{name: float(mean) for name, mean in zip(SCORES, means[label], strict=True)},
                     **{name: metric.of_drives(drives[label]) for name, metric in METRICS.items()},
+                    "median_abs_rel": _median_abs_rel(drives[label]),
                     **{
                         f"{name}_less_truth": None if value is None else float(value)
                         for name, value in zip(SCORES, less, strict=True)
@@ -103,6 +114,25 @@ def condition_dots(methods: Mapping[str, DrivenMethod], without: int | None = No
                 }
             )  # fmt: skip
     return dots
+
+
+def depth_table(dots: Sequence[Dot]) -> str:
+    """Return the metrics of each dot as a Markdown table, without dots that have none; "" if none has any."""
+    words = {name: metric.words for name, metric in METRICS.items()}
+    columns = {"abs_rel": f"{words.pop('abs_rel')}, mean", "median_abs_rel": "median", **words}
+    rows = [
+        "| ".join(
+            [f"| {dot['condition']} ", f"{in_table(dot['method'])} ", f"{dot['episodes']} "]
+            + [f"{'-' if dot[name] is None else f'{dot[name]:.3g}'} " for name in columns]
+        )
+        + "|"
+        for dot in dots
+        if any(dot[name] is not None for name in columns)
+    ]
+    if not rows:
+        return ""
+    heads = ["condition", "method", "drives", *columns.values()]
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows]) + "\n"
 
 
 def dots_without_each_course(methods: Mapping[str, DrivenMethod]) -> list[list[dict[str, Any]]]:

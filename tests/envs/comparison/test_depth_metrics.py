@@ -10,6 +10,7 @@ from envs.comparison.depth_metrics import (
     correlate,
     correlation,
     correlation_table,
+    depth_table,
     dots_without_each_course,
     ranks_within,
 )
@@ -47,6 +48,20 @@ def test_a_dot_has_the_errors_of_its_drives_and_what_they_lose_to_true_depth():
     assert dots["storm", "truth"]["abs_rel"] is None and dots["storm", "truth"]["spl_less_truth"] == 0
     (alone,) = {dot["spl_less_truth"] for dot in condition_dots({"eyes": EYES})}
     assert alone is None
+
+
+def test_the_table_of_the_depth_has_a_row_for_each_dot_with_errors():
+    worse = method("worse", (1.0, 0.8, 0.6, 0.45), (0.01, 0.1, None, 0.02))
+    for course in (0, 1):
+        worse.episodes["clear", course]["abs_rel"] = 0.03 + 0.6 * course
+        del worse.episodes["storm", course]["near_ground"]
+    lines = depth_table(condition_dots({"truth": TRUTH, "worse": worse, "eyes": EYES})).splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    assert cells[0][:5] == ["condition", "method", "drives", "Abs Rel on the way, mean", "median"]
+    assert ["clear", "worse", "2", "0.33", "0.33", "-", "-", "0"] in cells
+    assert ["rocks", "eyes", "2", "0.02", "0.02", "0.75", "-", "0"] in cells
+    assert not any(row[:2] == ["storm", "worse"] for row in cells)
+    assert depth_table([]) == ""
 
 
 def test_errors_are_counted_over_all_drives_of_a_dot_so_that_each_rock_weighs_the_same():
