@@ -9,8 +9,8 @@ another call takes such files beside scores or without them, from trainings on o
 have been scored on the same pairs. Errors of each method are also given over those of a reference, on the same pairs.
 Rows of a method for normals say whose depth it got; those with the true depth come last. --out gets methods.md,
 methods.json, curves.png and error_by_depth_SET.png too; the last leaves out methods whose names end with " unfilled".
-The time and memory of a network are measured by this command, with random weights, and so are those of the methods
-without training that the package has.
+The time and memory of a network are measured by this command, with random weights, and so are those of the shipped
+network and of the methods without training that the package has.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from method_records import (
 from methods_page import markdown
 from training_curves import curves_figure
 
-from m3depth.estimator import BUILT_IN, load_estimator
+from m3depth.estimator import BUILT_IN, M3DEPTH, EstimatorName, load_estimator
 from m3depth.evaluation.cost import measured
 from m3depth.evaluation.metrics import INTERVAL_EDGES
 from m3depth.evaluation.report import marked
@@ -53,13 +53,15 @@ from m3depth.kinds.config import config_from_dict
 from m3depth.kinds.networks import new_network
 from m3depth.rivals.config import NormalConfig
 from m3depth.rivals.normal_network import NormalNetwork
+from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import NATECAM
 from marssim.base.command.run import run_command
 from marssim.base.command.wording import counted
 from marssim.base.files.atomic import write_atomically
-from marssim.base.files.json_file import DatasetError, json_text, write_json
+from marssim.base.files.json_file import DatasetError, json_text, read_json, write_json
 from marssim.base.results.code_state import versions
 
+SHIPPED_LABEL = EstimatorName(M3DEPTH).label()  # what the scores call the package's weights
 SHIFT = 8  # disparity of the pair that is timed [px]
 REPEATS = 5  # timed predictions of a network, of which the median counts
 SAME = 1e-3  # relative difference up to which two scorings of one method without training are the same
@@ -112,10 +114,11 @@ def read_records(options: Options) -> list[dict[str, Any]]:
         for name, run in zip(trained, options.runs):
             if name not in methods:
                 raise DatasetError(f"--runs {run}: {options.scores} has no scores of {name}")
-            if {*of_all_places(methods[name], "weights_sha256")} != {trained[name]["weights_sha256"]}:
+            scored = EstimatorName(f"m3depth:{run / 'weights.safetensors'}").digest()  # with the source of one's own
+            if {*of_all_places(methods[name], "weights_sha256")} != {scored}:
                 raise DatasetError(
-                    f"--runs {run}: has other weights than those that {options.scores} has scores of; run "
-                    "score_manifest again"
+                    f"--runs {run}: has other weights, or another source of the network, than those that "
+                    f"{options.scores} has scores of; run score_manifest again"
                 )
         records += [
             {"name": name, "size": options.size, "run": trained.get(name), "sets": methods[name]}
@@ -275,15 +278,17 @@ def _cost(sizes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def untrained_cost(label: str) -> dict[str, Any] | None:
-    """Return the seconds and the memory of a method without training, as `cost` does for a network.
+    """Return the seconds and the memory of a method without a run, as `cost` does for a network.
 
     Args:
         label: The method as the tables call it, such as "SGBM-HH".
 
     Returns:
-        "seconds" and "memory_mib", without the filling of gaps; None for a method that the package does not have, and
-        for one whose package is not installed.
+        "seconds" and "memory_mib", without the filling of gaps, and all of `cost` for the shipped network; None for a
+        method that the package does not have, and for one whose package is not installed.
     """
+    if label == SHIPPED_LABEL:
+        return cost(read_json(SHIPPED_WEIGHTS.with_suffix(".json")))
     if (name := label.lower()) not in BUILT_IN:
         return None
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS
+from m3depth.kinds.config import config_from_dict
 from m3depth.training.log import LOG, read_log
 from marssim.base.files.json_file import DatasetError, read_json
 
@@ -47,8 +48,9 @@ def scored_methods(folder: Path, size: int) -> dict[str, dict[str, Any]]:
         "pairs" and "scenes" (their names), "figures" (for each of COLUMNS a list over the pairs; None where a pair has
         none), "intervals" (errors by true depth), "scene_intervals" (by scene and interval, the number of pixels and
         the sum of their absolute errors [m]; {} for scores of earlier versions), "gets_truth", "normals_are_fitted"
-        (whether the normals are those of planes that are fitted to the depth), "weights_sha256" (None without weights),
-        "runtime" (None for methods that are not named m3depth) and "commit" (of the code).
+        (whether the normals are those of planes that are fitted to the depth), "weights_sha256" (with the source file
+        of a network of one's own; None without weights), "runtime" (None for methods that are not named m3depth) and
+        "commit" (of the code).
 
     Raises:
         DatasetError: There are none, the places do not have the same methods, or two have other weights of a method.
@@ -200,11 +202,16 @@ def read_record(path: Path) -> dict[str, Any]:
     """Return a record that docs/scoring/compare_methods.py wrote.
 
     Raises:
-        DatasetError: The file is not such a record.
+        DatasetError: The file is not such a record, or its network is none that this program knows.
     """
     record: dict[str, Any] = read_json(path)
     if not isinstance(record, dict) or not {"name", "size", "run", "sets"} <= record.keys():
         raise DatasetError(f"--records {path}: is not a record that compare_methods.py wrote")
+    if record["run"]:
+        try:
+            config_from_dict(record["run"]["network"])
+        except ValueError as error:
+            raise DatasetError(f"--records {path}: {error}") from None
     return record
 
 

@@ -48,7 +48,7 @@ def _summary(content: Mapping[str, Any]) -> list[str]:
             _cell(sets[first]["metrics"][label]["normal_mean"])
             + ", planes fitted" * scored[label]["normals_are_fitted"],
             f"{costs[label]['seconds']:.2f}" if label in costs else "-",
-            _millions(runs[label]) if label in runs else "-",
+            _millions(costs[label]) if label in costs else "-",
         ]
         for label, title in sorted(_titles(sets[first], runs).items(), key=lambda item: _rank(sets[first], item[0]))
     ]
@@ -56,8 +56,8 @@ def _summary(content: Mapping[str, Any]) -> list[str]:
     return table(["method", *headings, "s for a pair", "parameters"], rows)
 
 
-def _millions(run: Mapping[str, Any]) -> str:
-    return f"{run['parameters'] / 1e6:.2f} M" + " + M3Depth" * run["on_m3depth"]
+def _millions(cost: Mapping[str, Any]) -> str:
+    return f"{cost['parameters'] / 1e6:.2f} M" + " + M3Depth" * cost["on_m3depth"] if "parameters" in cost else "-"
 
 
 def _cost_table(runs: Mapping[str, Any], untrained: Mapping[str, Any]) -> list[str]:
@@ -68,7 +68,7 @@ def _cost_table(runs: Mapping[str, Any], untrained: Mapping[str, Any]) -> list[s
         ]
         for name, run in runs.items()
     ]  # fmt: skip
-    rows += [[name, "-", *_seconds_and_memory(cost), "-", "-", "-"] for name, cost in untrained.items()]
+    rows += [[name, _millions(cost), *_seconds_and_memory(cost), "-", "-", "-"] for name, cost in untrained.items()]
     columns = ["method", "parameters", "s for a pair", "memory [MiB]"]
     return table([*columns, "steps", "processor minutes of training", "minutes of training"], rows)
 

@@ -47,7 +47,10 @@ def config_from_dict(data: dict[str, Any]) -> NetworkConfig:
         return M3DepthConfig.from_dict({k: v for k, v in data.items() if k != "kind"})
     if kind not in CONFIGS:  # m3depth.kinds.networks.add_network adds to it
         kinds = ", ".join((M3DepthConfig.KIND, *CONFIGS))
-        raise ValueError(f"network config: kind {kind!r} is not one of {kinds}")
+        raise ValueError(
+            f"network config: kind {kind!r} is not one of {kinds}; for a network of your own, run the command in a "
+            "program that imports its module, which calls add_network"
+        )
     return CONFIGS[kind].from_dict({k: v for k, v in data.items() if k != "kind"})
 
 

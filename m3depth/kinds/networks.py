@@ -53,15 +53,30 @@ CLASSES: dict[type, Any] = {
 }
 """The network of each class of sizes."""
 
-SHIPPED = frozenset({M3DepthConfig.KIND, *CONFIGS})  # kinds of this package; another one may be added again
-
+SHIPPED_KINDS = frozenset({M3DepthConfig.KIND, *CONFIGS})
+"""The kinds of networks of this package. Another one may be added again."""
 
 SIZES = {int, float, bool, str}  # types of the sizes of a network
 
 
 def new_network(config: NetworkConfig) -> StereoNetwork:
-    """Make a new network with random weights."""
-    return CLASSES[type(config)](config)
+    """Make a new network with random weights.
+
+    Raises:
+        ValueError: The class of a network of one's own does not keep its sizes.
+    """
+    network = CLASSES[type(config)](config)
+    if getattr(network, "config", None) != config:
+        raise ValueError(f"{type(network).__name__}: must keep its sizes as self.config")
+    return network
+
+
+def same_network(one: NetworkConfig, other: NetworkConfig) -> bool:
+    """Return whether weights of one network fit another: both are of one kind, and all weights have the same shapes."""
+    if one.KIND != other.KIND or getattr(one, "true_depth", None) != getattr(other, "true_depth", None):
+        return False
+    shapes, others = (CLASSES[type(config)].weight_shapes(config) for config in (one, other))
+    return bool(shapes == others)
 
 
 def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
@@ -92,7 +107,7 @@ def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
         config.from_dict(asdict(sizes))
     except (TypeError, ValueError) as error:
         raise ValueError(f"{config.__qualname__}: {error}") from None
-    if config.KIND in SHIPPED:
+    if config.KIND in SHIPPED_KINDS:
         raise ValueError(f"{config.__qualname__}: a network of this package has the kind {config.KIND!r}")
     CONFIGS[config.KIND], CLASSES[config] = config, network
     SOURCES.pop(config.KIND, None)

@@ -91,6 +91,12 @@ class StereoNetwork(nn.Module):
         raise NotImplementedError
 
     @classmethod
+    def weight_shapes(cls, config: Any) -> dict[str, torch.Size]:
+        """Return the shape of each weight of a network of these sizes, without taking the memory for them."""
+        with torch.device("meta"), _Undrawn():
+            return {name: tensor.shape for name, tensor in cls(config).state_dict().items()}
+
+    @classmethod
     def restored(cls, config: Any, tensors: dict[str, Tensor], source: Path) -> Self:
         """Return a trained network, in evaluation mode.
 
@@ -102,10 +108,9 @@ class StereoNetwork(nn.Module):
         Raises:
             ValueError: The weights do not fit the sizes, or all are zero.
         """
-        with torch.device("meta"), _Undrawn():  # shapes alone: a config with wrong, huge sizes then takes no memory
-            expected = cls(config).state_dict()
+        expected = cls.weight_shapes(config)
         misfits = sorted(expected.keys() ^ tensors.keys())
-        misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
+        misfits = misfits or sorted(k for k in expected if expected[k] != tensors[k].shape)
         if misfits:
             raise ValueError(
                 f"{source}: {len(misfits)} tensors do not fit the network that the file describes, the first is "

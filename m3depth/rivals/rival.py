@@ -56,16 +56,40 @@ class StereoRival(Rival):
         # With the channels last, as batches come, PyTorch 2's backward pass through the context encoder of RAFT-Stereo
         # wrote beyond its memory, and ended the process.
         left, right = (2 * padded(x, self.MULTIPLE).contiguous() - 1 for x in (left, right))
-        return self.estimate(left, right, camera.float()).cropped(height, width)
+        output = self.estimate(left, right, camera.float())
+        self._check(output, left)
+        return output.cropped(height, width)
 
     def estimate(self, left: Tensor, right: Tensor, camera: Tensor) -> TrainedOutput:
         """Return the maps of a batch.
 
+        The network runs in bfloat16 where its device is fast in it, but disparities must be computed in float32: in
+        bfloat16, those over 64 px are multiples of half a pixel. layers.in_float32 calls a part so.
+
         Args:
             left, right: (B, 3, H, W) in [-1, 1], H and W multiples of MULTIPLE.
             camera: (B, 4) [px].
+
+        Returns:
+            The maps, of which `disparity` is (B, 1, H, W) float32 [px].
         """
         raise NotImplementedError
+
+    def _check(self, output: TrainedOutput, left: Tensor) -> None:
+        """Raise ValueError unless the disparity maps of an output have the form that `estimate` must return."""
+        name = f"{type(self).__name__}.estimate"
+        if not hasattr(output, "disparity"):
+            raise ValueError(f"{name} must return an output of m3depth.rivals.output, got {type(output).__name__}")
+        batch, _, height, width = left.shape
+        for disparity in output.maps if isinstance(output, SequenceOutput) else [output.disparity]:
+            shape, dtype = tuple(disparity.shape), str(disparity.dtype).removeprefix("torch.")
+            if shape != (batch, 1, height, width):
+                raise ValueError(f"{name}: disparities must have the shape {(batch, 1, height, width)}, got {shape}")
+            if disparity.dtype not in (torch.float32, torch.float64):
+                raise ValueError(
+                    f"{name}: disparities must be float32, got {dtype}, which rounds them; compute them in float32, as "
+                    "m3depth.rivals.layers.in_float32 calls a part of a network"
+                )
 
 
 class SteppedRival(StereoRival):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from m3depth.datasets.open import open_pairs, reader_config_for
+from m3depth.kinds.networks import SHIPPED_KINDS
 from m3depth.network.output import padded_size
 from m3depth.training.config import TrainConfig
 from m3depth.training.curves import CURVES
@@ -33,7 +34,8 @@ def announce(run: Run, resumed: bool, samples: int, held_out: int) -> None:
     size = sum(p.numel() for p in run.model.parameters())
     start = f"resumed at step {run.step}, {run.seconds / 60:.1f} min" if resumed else "new run"
     validated = f", {held_out} for validation" if held_out else ""
-    lines = [f"{counted(samples, 'sample')}{validated}, {size / 1e6:.2f} M parameters, {run.device}, {start}"]
+    network = f"{run.model.config.KIND} of {size / 1e6:.2f} M parameters"
+    lines = [f"{counted(samples, 'sample')}{validated}, {network}, {run.device}, {start}"]
     height, width = run.config.crop
     rows, columns = padded_size(height, width, run.model.size_multiple)
     if (rows, columns) != (height, width):
@@ -84,6 +86,7 @@ def summary(run: Run, validations: list[dict[str, Any]]) -> str:
     lines = [f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}"]
     if (run.config.out / CURVES).is_file():
         lines.append(f"{run.config.out / CURVES}: curves of the loss and the validations")
+    shipped = run.model.config.KIND in SHIPPED_KINDS
     for number, folder in enumerate(run.config.data, start=1):
         flags = reader_config_for(folder, run.config.data, run.config.reader).flags()
         words = ["--data", folder, *flags, "--split", "test", "--weights", weights]
@@ -91,7 +94,8 @@ def summary(run: Run, validations: list[dict[str, Any]]) -> str:
             lines.append(f"{folder}: split test holds no pairs to score them on; more scenes would have some")
             continue
         out = run.config.out / ("score" if number == 1 else f"score-{number}")
-        lines.append(f"score them: python -m m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
+        program = "score them: python -m" if shipped else "score them, in a program that adds the network:"
+        lines.append(f"{program} m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
     return "\n".join(lines)
 
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import torch
 
-from m3depth.kinds.config import config_from_dict, preset_config, read_config
-from m3depth.kinds.networks import draw_normal, load_network, new_network
+from m3depth.kinds.config import NetworkConfig, config_from_dict, preset_config, read_config
+from m3depth.kinds.networks import draw_normal, load_network, new_network, same_network
 from m3depth.network.device import fast_dtype
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
@@ -48,7 +48,8 @@ def first_network(config: TrainConfig) -> StereoNetwork:
 
     Raises:
         FileNotFoundError: The file of --init, --network or --depth-weights is missing.
-        ValueError: That file cannot be used; the message names it. Or the network takes no depth of M3Depth.
+        ValueError: That file cannot be used; the message names it. Or the network takes no depth of M3Depth, or --init
+            has the weights of another network than --preset or --network.
     """
     previous = config.out / CHECKPOINT
     if config.init and previous.is_file():
@@ -56,8 +57,10 @@ def first_network(config: TrainConfig) -> StereoNetwork:
         return new_network(config_from_dict(identity["network"]))
     if config.init:
         with named_by("--init"):
-            return load_network(weights_file(config.init))
-    sizes = read_config(config.network) if config.network else preset_config(config.preset)
+            loaded = load_network(weights_file(config.init))
+        _check_same_network(loaded.config, config)
+        return loaded
+    sizes = read_config(config.network) if config.network else preset_config(config.preset or "lite")
     if config.depth_weights:
         if not isinstance(sizes, NormalConfig) or sizes.true_depth:
             raise ValueError(f"--depth-weights {config.depth_weights}: this network takes no depth from M3Depth")
@@ -67,6 +70,19 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     if config.initial == "normal":
         draw_normal(network)
     return network
+
+
+def _check_same_network(loaded: NetworkConfig, config: TrainConfig) -> None:
+    """Raise ValueError if a flag names another network than that of the weights of --init."""
+    if config.network:
+        flag, named = f"--network {config.network}", read_config(config.network)
+    elif config.preset:
+        flag, named = f"--preset {config.preset}", preset_config(config.preset)
+    else:
+        return
+    if not same_network(loaded, named):
+        what = f"{loaded.KIND} of other sizes" if named.KIND == loaded.KIND else loaded.KIND
+        raise ValueError(f"{flag}: --init {config.init} has the weights of {what}; leave one of the two out")
 
 
 def check_loss(network: StereoNetwork, config: TrainConfig) -> None:
@@ -122,13 +138,23 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Turn whatever a damaged checkpoint raises into a ValueError of one line that names it."""
+def _naming(path: Path, another_source: bool = False) -> Iterator[None]:
+    """Turn whatever a damaged checkpoint raises into a ValueError of one line that names it.
+
+    Args:
+        path: The checkpoint.
+        another_source: Whether the source file of the network has changed since it was written.
+    """
     try:
         yield
     except Exception as error:  # torch's unpickler and load_state_dict raise errors of many types
         if isinstance(error, MemoryError) or type(error).__name__ == "AcceleratorError" or is_out_of_memory(error):
             raise  # the file may be whole
+        if another_source:
+            raise ValueError(
+                f"{path}: does not fit the network, whose source file has changed since; undo the change, or choose "
+                "another --out"
+            ) from None
         raise ValueError(
             f"{path}: not a readable checkpoint ({type(error).__name__}); delete it to start over, or choose another "
             f"--out and start with --init {path.parent / 'weights.safetensors'}"
@@ -250,7 +276,8 @@ class Run:
         # Checkpoints of earlier versions lack some of the settings.
         if other := differences({**identity, **state["identity"]}, identity):
             raise ValueError(f"{self.checkpoint}: belongs to a run with {'; '.join(other)}; choose another --out")
-        with _naming(self.checkpoint):
+        another_source = state.get("source") not in (None, self.source)
+        with _naming(self.checkpoint, another_source):
             self.model.load_state_dict(state["model"])
             self.averaged.load_state_dict(state["averaged"])
             # the settings of the optimizer are those of this run
@@ -264,7 +291,7 @@ class Run:
         self.step, self.seconds = state["step"], state["seconds"]
         self.init_sha256, self.data = digest or self.init_sha256, state.get("data")
         self.changed = [f"{flag} {now[flag]} (was {old})" for flag, old in changes]
-        if state.get("source") not in (None, self.source):
+        if another_source:
             self.changed.append("the source file of the network has changed")
         return True
 

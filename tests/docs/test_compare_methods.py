@@ -17,12 +17,15 @@ import pytest
 from small_network import SMALL
 from small_rivals import TINY
 
+from m3depth.estimator import EstimatorName
 from m3depth.evaluation.bootstrap import resampled_means
 from m3depth.evaluation.cost import Cost
 from m3depth.evaluation.report import DEPTH_COLUMNS, NORMAL_COLUMNS, number
 from m3depth.figures import drawing
 from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
+from m3depth.rivals.config import SOURCES
+from m3depth.weights import SHIPPED_WEIGHTS
 from m3depth.weights.storage import load_weights, save_weights
 from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
@@ -345,6 +348,29 @@ def test_a_method_without_training_is_timed(compare_methods, measured):
     assert compare_methods._untrained_cost("sad-sgm") == {"seconds": 1.0, "memory_mib": 300.0}
 
 
+def test_the_shipped_network_is_timed_without_a_run(compare_methods, monkeypatch):
+    monkeypatch.setattr(compare_methods, "cost", lambda sizes: sizes["kind" if "kind" in sizes else "channels"])
+    assert compare_methods.untrained_cost("M3Depth") == read_json(SHIPPED_WEIGHTS.with_suffix(".json"))["channels"]
+    cost = {"parameters": 780_000, "on_m3depth": False, "seconds": 0.25, "memory_mib": None}
+    lines = sys.modules["methods_page"]._cost_table({}, {"M3Depth": cost})
+    assert "| M3Depth | 0.78 M | 0.25 | - | - | - | - |" in lines
+
+
+@pytest.mark.usefixtures("measured", "undrawn_figures")
+def test_a_network_of_ones_own_counts_with_its_source(compare_methods, folders, tmp_path, monkeypatch, capsys):
+    scores, run = folders
+    source = tmp_path / "own.py"
+    source.write_text("width = 1\n")
+    monkeypatch.setitem(SOURCES, SMALL.KIND, source)
+    digest = EstimatorName(f"m3depth:{run / 'weights.safetensors'}").digest()
+    for file in scores.glob("depth/512/clean/*/results.json"):
+        file.write_text(file.read_text().replace(digest_of(run), digest))
+    assert compare_methods.main(flags(scores, tmp_path / "out", run)) == 0
+    source.write_text("width = 2\n")
+    assert compare_methods.main(flags(scores, tmp_path / "other", run)) == 2
+    assert "has other weights, or another source of the network, than those" in capsys.readouterr().err
+
+
 def test_a_method_that_the_package_does_not_have_is_not_timed(compare_methods):
     assert compare_methods.untrained_cost("SGBM unfilled") is None
 
@@ -384,7 +410,7 @@ def test_a_method_has_one_colour_in_all_figures(compare_methods, folders, measur
         ("no step", "its log.jsonl has no step"),
         ("no reference", "--reference theirs: no such method; choose one of mine, SGBM"),
         ("twice", "--runs must have different names"),
-        ("trained on", "has other weights than those that"),
+        ("trained on", "has other weights, or another source of the network, than those that"),
         ("two weights", "clean/utopia was scored with other weights of mine than the rest"),
         ("old log", "step 60 has no minutes or no processor_minutes"),
         ("damaged log", "log.jsonl, line 4"),
@@ -437,6 +463,7 @@ def test_mistakes_are_one_line(compare_methods, folders, tmp_path, capsys, case,
         ("taken without training", "another method is called mine too"),
         ("other size", "theirs and mine were scored on pairs of 256 and 512 px"),
         ("other sets", "theirs and mine were scored on different sets: sun10; clean"),
+        ("own network", "theirs.json: network config: kind 'plain' is not one of m3depth, "),
         ("other pairs", "theirs and mine were scored on different pairs of clean"),
     ],
 )
@@ -461,6 +488,8 @@ def test_records_that_cannot_be_compared_are_one_line(
         mine.write_text(json.dumps({**read_json(mine), "run": None}))
     elif case == "no record":
         del record["sets"]
+    elif case == "own network":
+        record["run"]["network"]["kind"] = "plain"
     theirs = tmp_path / "theirs.json"
     theirs.write_text(json.dumps(record))
     arguments = ["--records", str(mine), str(theirs)]
@@ -479,7 +508,7 @@ def tables(page: str) -> list[list[str]]:
 
 def test_the_table_of_the_results_is_that_of_the_command():
     """The page of results is written by hand, but the rows of its table are not. Other tables have their own tests."""
-    others = "goals reached", "steps, one core"
+    others = "goals reached", "steps, one core", "network and pairs"
     own = [table for table in tables("methods.md") if table[0] != DIGESTS]
     scores = (table for table in own if not any(column in table[0] for column in others))
     shown = {row for table in scores for row in table}

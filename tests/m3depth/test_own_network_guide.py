@@ -8,10 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+import torch
 
 from m3depth.estimator import EstimatorName, load_estimator
-from m3depth.kinds.networks import CLASSES, add_network
+from m3depth.kinds.networks import CLASSES, add_network, new_network
 from m3depth.rivals.config import CONFIGS, SOURCES, RaftStereoConfig, RivalConfig
+from m3depth.rivals.output import SequenceOutput
 from m3depth.rivals.raft_stereo import RaftStereo
 from m3depth.train import main
 
@@ -28,10 +30,13 @@ def my_network(tmp_path, monkeypatch, guide_program):
     SOURCES.pop("plain", None)
 
 
-def test_a_network_of_the_user_is_trained_and_its_weights_are_read(my_network, plane_set, plane_samples, tmp_path):
+def test_a_network_of_the_user_is_trained_and_its_weights_are_read(
+    my_network, plane_set, plane_samples, tmp_path, capsys
+):
     (tmp_path / "plain.json").write_text('{"kind": "plain", "width": 4}')
     flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--network", str(tmp_path / "plain.json")]
     assert main([*flags, "--max-steps", "2", "--batch", "1", "--crop", "32", "64", "--device", "cpu"]) == 0
+    assert "\nscore them, in a program that adds the network: m3depth.evaluate --data " in capsys.readouterr().out
     add_network(my_network.PlainConfig, my_network.Plain)  # as a cell of a notebook that is run again
     name = f"m3depth:{tmp_path / 'run/weights.safetensors'}"
     network = load_estimator(name)
@@ -42,6 +47,25 @@ def test_a_network_of_the_user_is_trained_and_its_weights_are_read(my_network, p
     source = tmp_path / "my_network.py"
     source.write_text(source.read_text().replace("50 *", "30 *"))
     assert EstimatorName.parse(name).digest() != before  # nothing goes on with another network of the same weights
+
+
+def test_what_a_network_of_ones_own_returns_is_checked(my_network, monkeypatch):
+    network = my_network.Plain(my_network.PlainConfig(4))
+    images, camera = torch.rand(2, 3, 32, 64), torch.tensor([[50.0, 50.0, 32.0, 16.0]] * 2)
+    right = torch.full((2, 1, 32, 64), 3.0)
+    assert network(images, images, camera).disparity.shape == right.shape
+    for output, message in (
+        (right, "must return an output of m3depth.rivals.output, got Tensor"),
+        (SequenceOutput([right, right[:, 0]], [1, 1]), r"must have the shape \(2, 1, 32, 64\), got \(2, 32, 64\)"),
+        (SequenceOutput([right[..., ::2], right], [1, 1]), r"the shape \(2, 1, 32, 64\), got \(2, 1, 32, 32\)"),
+        (SequenceOutput([right.bfloat16()], [1]), "must be float32, got bfloat16, which rounds them"),
+    ):
+        monkeypatch.setattr(my_network.Plain, "estimate", lambda *_, output=output: output)
+        with pytest.raises(ValueError, match=f"^Plain.estimate:? .*{message}"):
+            network(images, images, camera)
+    monkeypatch.setattr(my_network.Plain, "__init__", lambda self, config: super(my_network.Plain, self).__init__())
+    with pytest.raises(ValueError, match=r"^Plain: must keep its sizes as self\.config$"):
+        new_network(my_network.PlainConfig(4))
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,14 @@ import cv2
 import pytest
 import torch
 from small_network import SMALL
+from small_rivals import TINY
 
 from m3depth.datasets.config import DataConfig
 from m3depth.evaluate import EvaluateOptions
+from m3depth.kinds.networks import new_network, same_network
 from m3depth.network import model as model_module
 from m3depth.network.model import M3Depth
+from m3depth.rivals.config import PRESETS
 from m3depth.train import main
 from m3depth.training import run as run_module
 from m3depth.training.config import TrainConfig
@@ -705,6 +708,29 @@ def test_warm_start_takes_weights_and_their_config(plane_samples, tmp_path) -> N
     assert last.config.hidden == 16
     for a, b in zip(first.parameters(), last.parameters()):
         torch.testing.assert_close(a, b, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("flag", ["preset", "network"])
+def test_a_flag_that_names_another_network_than_that_of_the_first_weights_is_refused(
+    plane_samples, tmp_path, monkeypatch, flag
+) -> None:
+    init = tmp_path / "init.safetensors"
+    new_network(TINY["light-stereo"]).save_pretrained(init)
+    other = {"preset": "lite", "network": tmp_path / "other.json"}[flag]
+    (tmp_path / "other.json").write_text(json.dumps(replace(TINY["light-stereo"], half=4).to_dict()))
+    what = {"preset": "light-stereo", "network": "light-stereo of other sizes"}[flag]
+    config = config_for(tmp_path / "run", init=init, max_steps=1, batch=1, validate_samples=0)
+    with pytest.raises(ValueError, match=rf"^--{flag} {other}: --init {init} has the weights of {what}; leave one of "):
+        train(replace(config, **{flag: other}), plane_samples, [])
+    (tmp_path / "other.json").write_text(json.dumps(TINY["light-stereo"].to_dict()))
+    monkeypatch.setitem(PRESETS, "light-stereo", TINY["light-stereo"])
+    train(replace(config, **{flag: {"preset": "light-stereo", "network": other}[flag]}), plane_samples, [])
+
+
+def test_the_steps_of_a_network_are_no_part_of_its_weights() -> None:
+    more = replace(SMALL, refine_steps=SMALL.refine_steps + 1)
+    assert same_network(SMALL, more) and not same_network(SMALL, replace(SMALL, hidden=16))
+    assert not same_network(TINY["fusion"], replace(TINY["fusion"], true_depth=True))
 
 
 def test_fine_tuning_starts_from_the_shipped_weights_by_their_name(plane_samples, tmp_path, capsys) -> None:

@@ -61,6 +61,11 @@ def test_another_source_of_an_added_network_is_named(run, tmp_path, monkeypatch)
     source.write_text("width = 2\n")
     other = Run(run.config, CPU)
     assert other.resume() and other.changed == ["the source file of the network has changed"]
+    state = torch.load(run.checkpoint, weights_only=True)
+    state["model"].popitem()  # as of a class that had a layer less
+    torch.save(state, run.checkpoint)
+    with pytest.raises(ValueError, match=r"checkpoint.pt: does not fit the network, whose source file has changed"):
+        Run(run.config, CPU).resume()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from marssim.base.command.spelling import did_you_mean
         ("gael", " (did you mean gale?)"),  # two letters are swapped; gravel has all four in this order
         ("agle", " (did you mean gale?)"),
         ("gravle", " (did you mean gravel?)"),
-        ("UTOPIA", ""),
+        ("UTOPIA", " (did you mean utopia?)"),
         ("xyz", ""),
         ("jezro", " (did you mean jezero?)"),
     ],
