@@ -4,9 +4,9 @@
     python -m envs.compare out/mine out/theirs --out out/comparison
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
-to the first method of the first file, or to --reference. A second table has the failures: how they ended, and why, if
-they were recorded. A third one has the errors of the depth on the way, and a fourth one the correlation of success and
-SPL with them: which metric of the depth goes with drives.
+to the first method of the first file, or to --reference. Further tables have the failures: how they ended, and why, if
+they were recorded; the errors of the depth on the way; and the correlation of success and SPL with these errors: which
+metric of the depth goes with drives.
 """
 
 from __future__ import annotations

@@ -89,6 +89,8 @@ def scores_table(longer: Path = LONGER, rescored: Path = RESCORED) -> str:
 
 
 def _with_ratio(score: dict[str, Any]) -> str:
+    if score["ratio_interval"] is None:  # fewer scenes than an interval needs
+        return f"{number(score['value'])} ({score['ratio']:.2f} times)"
     low, high = (f"{limit:.2f}" for limit in score["ratio_interval"])
     return f"{number(score['value'])} ({score['ratio']:.2f} times, {low} to {high})"
 

@@ -12,7 +12,6 @@ this call asks for; manifest_summary.py defines their figures.
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -199,7 +198,7 @@ def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping
         state = {
             "flags": [*common, *flags],
             "pairs": dataset.digest,
-            "weights": [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights[kind]],
+            "weights": [EstimatorName(f"m3depth:{path}").digest() for path in weights[kind]],
             "code": source_digest(CODE[kind]),
         }
         names = [f"m3depth:{path}" for path in weights[kind]]

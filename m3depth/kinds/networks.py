@@ -71,14 +71,6 @@ def new_network(config: NetworkConfig) -> StereoNetwork:
     return network
 
 
-def same_network(one: NetworkConfig, other: NetworkConfig) -> bool:
-    """Return whether weights of one network fit another: both are of one kind, and all weights have the same shapes."""
-    if one.KIND != other.KIND or getattr(one, "true_depth", None) != getattr(other, "true_depth", None):
-        return False
-    shapes, others = (CLASSES[type(config)].weight_shapes(config) for config in (one, other))
-    return bool(shapes == others)
-
-
 def add_network(config: type[RivalConfig], network: type[StereoRival]) -> None:
     """Add a kind of network, so that m3depth.train and all commands of this process take it, and its weights.
 

@@ -91,12 +91,6 @@ class StereoNetwork(nn.Module):
         raise NotImplementedError
 
     @classmethod
-    def weight_shapes(cls, config: Any) -> dict[str, torch.Size]:
-        """Return the shape of each weight of a network of these sizes, without taking the memory for them."""
-        with torch.device("meta"), _Undrawn():
-            return {name: tensor.shape for name, tensor in cls(config).state_dict().items()}
-
-    @classmethod
     def restored(cls, config: Any, tensors: dict[str, Tensor], source: Path) -> Self:
         """Return a trained network, in evaluation mode.
 
@@ -108,9 +102,10 @@ class StereoNetwork(nn.Module):
         Raises:
             ValueError: The weights do not fit the sizes, or all are zero.
         """
-        expected = cls.weight_shapes(config)
+        with torch.device("meta"), _Undrawn():  # shapes alone: a config with wrong, huge sizes then takes no memory
+            expected = cls(config).state_dict()
         misfits = sorted(expected.keys() ^ tensors.keys())
-        misfits = misfits or sorted(k for k in expected if expected[k] != tensors[k].shape)
+        misfits = misfits or sorted(k for k in expected if expected[k].shape != tensors[k].shape)
         if misfits:
             raise ValueError(
                 f"{source}: {len(misfits)} tensors do not fit the network that the file describes, the first is "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import torch
@@ -76,19 +77,26 @@ class StereoRival(Rival):
         raise NotImplementedError
 
     def _check(self, output: TrainedOutput, left: Tensor) -> None:
-        """Raise ValueError unless the disparity maps of an output have the form that `estimate` must return."""
+        """Raise ValueError unless an output and its disparity maps have the form that `estimate` must return."""
         name = f"{type(self).__name__}.estimate"
-        if not hasattr(output, "disparity"):
-            raise ValueError(f"{name} must return an output of m3depth.rivals.output, got {type(output).__name__}")
+        if not {"disparity", "cropped", "terms"} <= set(dir(output)):
+            raise ValueError(f"{name}: must return an output of m3depth.rivals.output, got {type(output).__name__}")
+        maps: Sequence[object] = output.maps if isinstance(output, SequenceOutput) else [output.disparity]
+        if not (isinstance(maps, list | tuple) and maps):
+            raise ValueError(f"{name}: maps must be a list of one map or more, got {type(maps).__name__}")
+        if isinstance(output, SequenceOutput) and len(output.shares) != len(maps):
+            raise ValueError(f"{name}: shares must be as many numbers as there are maps, {len(maps)}")
         batch, _, height, width = left.shape
-        for disparity in output.maps if isinstance(output, SequenceOutput) else [output.disparity]:
+        for disparity in maps:
+            if not isinstance(disparity, Tensor):
+                raise ValueError(f"{name}: disparities must be tensors, got {type(disparity).__name__}")
             shape, dtype = tuple(disparity.shape), str(disparity.dtype).removeprefix("torch.")
             if shape != (batch, 1, height, width):
                 raise ValueError(f"{name}: disparities must have the shape {(batch, 1, height, width)}, got {shape}")
             if disparity.dtype not in (torch.float32, torch.float64):
                 raise ValueError(
-                    f"{name}: disparities must be float32, got {dtype}, which rounds them; compute them in float32, as "
-                    "m3depth.rivals.layers.in_float32 calls a part of a network"
+                    f"{name}: disparities must be float32, got {dtype}, which would round them; compute them in "
+                    "float32, as m3depth.rivals.layers.in_float32 calls a part of a network"
                 )
 
 

@@ -41,10 +41,10 @@ class TrainConfig:
     """Folder of the run, for its checkpoint, weights, log, curves and image panels."""
     reader: Annotated[DataConfig, tyro.conf.arg(name="")] = field(default_factory=DataConfig)
     """Settings of the dataset reader."""
-    preset: PresetName | None = None
-    """Network; without it, lite. This is M3Depth for a CPU; paper has the sizes of the paper's tables, paper-thin its
-    parts at the widths of lite. The others are methods that it is compared with, at a width for a CPU and, with
-    -published, at the published one.
+    preset: PresetName = "lite"
+    """Network: lite is M3Depth for a CPU, paper has the sizes of the paper's tables, paper-thin its parts at the widths
+    of lite. The others are methods that it is compared with, at a width for a CPU and, with -published, at the
+    published one.
     """
     network: Path | None = None
     """JSON file with the sizes of the network, such as weights.json beside any weights.
@@ -67,7 +67,7 @@ class TrainConfig:
     """Number of passes over the data, 1 to 1000000, another form of --max-steps."""
     init: Path | None = None
     """Weights to start from: a .safetensors file, or the word shipped for those of the package.
-    The network is theirs; another one in --preset or --network is refused.
+    The network is theirs; another one in --network, or in --preset but for its default, is refused.
     """
     depth_weights: Path | None = None
     """Weights of M3Depth that give the depth to --preset fusion and geo-net, a .safetensors file; without it, those of

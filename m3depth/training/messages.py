@@ -86,16 +86,18 @@ def summary(run: Run, validations: list[dict[str, Any]]) -> str:
     lines = [f"{weights}: averaged weights of step {run.step}, {run.seconds / 60:.1f} min; {quality}"]
     if (run.config.out / CURVES).is_file():
         lines.append(f"{run.config.out / CURVES}: curves of the loss and the validations")
-    shipped = run.model.config.KIND in SHIPPED_KINDS
     for number, folder in enumerate(run.config.data, start=1):
-        flags = reader_config_for(folder, run.config.data, run.config.reader).flags()
-        words = ["--data", folder, *flags, "--split", "test", "--weights", weights]
+        reader = reader_config_for(folder, run.config.data, run.config.reader).flags()
+        words = ["--data", folder, *reader, "--split", "test", "--weights", weights]
         if not holds_test_pairs(run.config, folder):
             lines.append(f"{folder}: split test holds no pairs to score them on; more scenes would have some")
             continue
         out = run.config.out / ("score" if number == 1 else f"score-{number}")
-        program = "score them: python -m" if shipped else "score them, in a program that adds the network:"
-        lines.append(f"{program} m3depth.evaluate {shlex.join(map(str, [*words, '--out', out]))}")
+        flags = shlex.join(map(str, [*words, "--out", out]))
+        if run.model.config.KIND in SHIPPED_KINDS:
+            lines.append(f"score them: python -m m3depth.evaluate {flags}")
+        else:
+            lines.append(f"score them: call m3depth.evaluate.main in a program that adds the network, with {flags}")
     return "\n".join(lines)
 
 

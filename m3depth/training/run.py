@@ -8,14 +8,14 @@ import io
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from m3depth.kinds.config import NetworkConfig, config_from_dict, preset_config, read_config
-from m3depth.kinds.networks import draw_normal, load_network, new_network, same_network
+from m3depth.kinds.networks import draw_normal, load_network, new_network
 from m3depth.network.device import fast_dtype
 from m3depth.network.model import M3Depth
 from m3depth.network.stereo_network import StereoNetwork
@@ -32,6 +32,7 @@ from marssim.base.results.claim import as_typed, differences
 WARM_UP = 0.04  # share of the run in which the learning rate rises
 FIRST_RATE, LAST_RATE = 0.05, 0.01  # of the highest learning rate
 CHECKPOINT = "checkpoint.pt"  # name of the checkpoint in a run's folder
+FEW = 3  # differences that a message lists
 MOST_STEPS = 10**15  # a larger number of steps is none
 WORLD = "number of processes"  # its name in a run's identity
 CHANGEABLE = (  # fields that may change when a run is resumed, beside those of loss, augmentation and reader
@@ -53,14 +54,15 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     """
     previous = config.out / CHECKPOINT
     if config.init and previous.is_file():
-        identity = read_checkpoint(previous)["identity"]
-        return new_network(config_from_dict(identity["network"]))
+        first = config_from_dict(read_checkpoint(previous)["identity"]["network"])
+        _check_same_network(first, config)
+        return new_network(first)
     if config.init:
         with named_by("--init"):
             loaded = load_network(weights_file(config.init))
         _check_same_network(loaded.config, config)
         return loaded
-    sizes = read_config(config.network) if config.network else preset_config(config.preset or "lite")
+    sizes = read_config(config.network) if config.network else preset_config(config.preset)
     if config.depth_weights:
         if not isinstance(sizes, NormalConfig) or sizes.true_depth:
             raise ValueError(f"--depth-weights {config.depth_weights}: this network takes no depth from M3Depth")
@@ -72,17 +74,23 @@ def first_network(config: TrainConfig) -> StereoNetwork:
     return network
 
 
-def _check_same_network(loaded: NetworkConfig, config: TrainConfig) -> None:
-    """Raise ValueError if a flag names another network than that of the weights of --init."""
+def _check_same_network(first: NetworkConfig, config: TrainConfig) -> None:
+    """Raise ValueError if a flag names another network than that of the weights of --init.
+
+    The default of --preset names none. Weights of a network for normals name the file of their depth, flags do not.
+    """
     if config.network:
         flag, named = f"--network {config.network}", read_config(config.network)
-    elif config.preset:
+    elif config.preset != TrainConfig.preset:
         flag, named = f"--preset {config.preset}", preset_config(config.preset)
     else:
         return
-    if not same_network(loaded, named):
-        what = f"{loaded.KIND} of other sizes" if named.KIND == loaded.KIND else loaded.KIND
-        raise ValueError(f"{flag}: --init {config.init} has the weights of {what}; leave one of the two out")
+    if isinstance(first, NormalConfig) and isinstance(named, NormalConfig):
+        named = replace(named, depth_weights=first.depth_weights, depth_sha256=first.depth_sha256)
+    sizes, others = ({"kind": network.KIND, **as_json(network.to_dict())} for network in (first, named))
+    if other := differences(sizes, others if first.KIND == named.KIND else {**sizes, "kind": named.KIND}):
+        shown = "; ".join(other[:FEW]) + (f"; and {len(other) - FEW} more" if len(other) > FEW else "")
+        raise ValueError(f"{flag}: the weights of --init are of another network: {shown}; leave one of the two out")
 
 
 def check_loss(network: StereoNetwork, config: TrainConfig) -> None:
@@ -125,8 +133,13 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     """
     with _naming(path):
         state = torch.load(path, map_location="cpu", weights_only=True)
+        sizes = dict(state["identity"]["network"])
+    try:
+        network = config_from_dict(sizes)
+    except ValueError as error:  # of a network of one's own that is not known here, or whose sizes have changed
+        raise ValueError(f"{path}: {error}") from None
+    with _naming(path):
         # The first checkpoints lack the number of processes and some fields of the network.
-        network = config_from_dict(state["identity"]["network"])
         state["identity"] = {WORLD: 1, **state["identity"], "network": as_json(network.to_dict())}
         if state["identity"].get("init") is not None:  # the first checkpoints have it as it was typed
             state["identity"]["init"] = origin(Path(state["identity"]["init"]))
@@ -276,7 +289,7 @@ class Run:
         # Checkpoints of earlier versions lack some of the settings.
         if other := differences({**identity, **state["identity"]}, identity):
             raise ValueError(f"{self.checkpoint}: belongs to a run with {'; '.join(other)}; choose another --out")
-        another_source = state.get("source") not in (None, self.source)
+        another_source = None not in (state.get("source"), self.source) and state["source"] != self.source
         with _naming(self.checkpoint, another_source):
             self.model.load_state_dict(state["model"])
             self.averaged.load_state_dict(state["averaged"])

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,31 @@ LONGER = sorted((RESULTS / "methods/longer").iterdir())
 def test_the_page_has_the_table_of_the_runs(longer_trainings):
     assert longer_trainings.table() in (RESULTS / "methods.md").read_text(encoding="utf-8")
     assert len(longer_trainings.rows()) == len(LONGER) > 0
+
+
+def test_the_page_has_the_table_of_the_scores(longer_trainings):
+    page = (RESULTS / "methods.md").read_text(encoding="utf-8")
+    if longer_trainings.RESCORED.is_dir():
+        assert longer_trainings.scores_table() in page
+    else:
+        assert "have not been scored" in page
+
+
+def test_scores_of_both_trainings_are_compared_pair_by_pair(longer_trainings, tmp_path):
+    (tmp_path / "longer/lite-150-min").mkdir(parents=True)
+    records = tmp_path / "records"
+    records.mkdir()
+    for scenes, interval in ((40, r", 0\.[45]\d to 0\.5\d"), (2, "")):
+        for name, shares in (("lite", (1, 1)), ("lite-150-min", (0.4, 0.6))):
+            errors = [shares[scene % 2] for scene in range(scenes)]
+            place = {
+                "figures": dict.fromkeys(sys.modules["method_records"].COLUMNS, errors),
+                "scenes": [f"{scene:05d}" for scene in range(scenes)],
+            }
+            record = {"name": name, "size": 512, "run": None, "sets": {"clean": {"places": {"gale": place}}}}
+            (records / f"{name}.json").write_text(json.dumps(record))
+        (row,) = longer_trainings.scores_table(tmp_path / "longer", records).splitlines()[2:]
+        assert re.fullmatch(r"\| `lite`, clean \|" + rf" 0\.5000 \(0\.50 times{interval}\) \|" * 3, row), row
 
 
 @pytest.mark.parametrize("run", LONGER, ids=lambda run: run.name)

@@ -13,6 +13,7 @@ from small_rivals import TINY as TINY_RIVALS
 
 from m3depth.kinds.networks import new_network
 from m3depth.network.model import M3Depth
+from m3depth.rivals.config import SOURCES
 from m3depth.runtimes.choice import recorded_runtime
 from marssim.base.camera import NATECAM
 from marssim.base.files.json_file import read_json
@@ -171,6 +172,13 @@ def test_a_method_whose_file_has_changed_is_scored_again(score_manifest, tmp_pat
                 part, SimpleNamespace(path=tmp_path, digest="0"), options, score_manifest.weights_by_kind(options)
             )
             assert len(calls) == expected
+    source = tmp_path / "own.py"
+    source.write_text("width = 1\n")
+    monkeypatch.setitem(SOURCES, SMALL.KIND, source)  # of a network of one's own
+    score_manifest.score(
+        part, SimpleNamespace(path=tmp_path, digest="0"), options, score_manifest.weights_by_kind(options)
+    )
+    assert len(calls) == 3
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import importlib
 import sys
 from dataclasses import dataclass
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -36,7 +36,7 @@ def test_a_network_of_the_user_is_trained_and_its_weights_are_read(
     (tmp_path / "plain.json").write_text('{"kind": "plain", "width": 4}')
     flags = ["--data", str(plane_set), "--out", str(tmp_path / "run"), "--network", str(tmp_path / "plain.json")]
     assert main([*flags, "--max-steps", "2", "--batch", "1", "--crop", "32", "64", "--device", "cpu"]) == 0
-    assert "\nscore them, in a program that adds the network: m3depth.evaluate --data " in capsys.readouterr().out
+    assert "\nscore them: call m3depth.evaluate.main in a program that adds" in capsys.readouterr().out
     add_network(my_network.PlainConfig, my_network.Plain)  # as a cell of a notebook that is run again
     name = f"m3depth:{tmp_path / 'run/weights.safetensors'}"
     network = load_estimator(name)
@@ -47,6 +47,10 @@ def test_a_network_of_the_user_is_trained_and_its_weights_are_read(
     source = tmp_path / "my_network.py"
     source.write_text(source.read_text().replace("50 *", "30 *"))
     assert EstimatorName.parse(name).digest() != before  # nothing goes on with another network of the same weights
+    CLASSES.pop(CONFIGS.pop("plain"))  # as for a command by its own name
+    assert main([*flags, "--max-steps", "3", "--batch", "1", "--init", str(tmp_path / "run/weights.safetensors")]) == 2
+    told = capsys.readouterr().err
+    assert "checkpoint.pt: network config: kind 'plain' is not one of" in told and "which calls add_network" in told
 
 
 def test_what_a_network_of_ones_own_returns_is_checked(my_network, monkeypatch):
@@ -55,10 +59,15 @@ def test_what_a_network_of_ones_own_returns_is_checked(my_network, monkeypatch):
     right = torch.full((2, 1, 32, 64), 3.0)
     assert network(images, images, camera).disparity.shape == right.shape
     for output, message in (
+        (SequenceOutput([], []), "maps must be a list of one map or more, got list"),
+        (SequenceOutput([right], [0.5, 1]), "shares must be as many numbers as there are maps, 1"),
+        (SequenceOutput(right, [1, 1]), "maps must be a list of one map or more, got Tensor"),
+        (SequenceOutput([None, right], [0.5, 1]), "disparities must be tensors, got NoneType"),
+        (SimpleNamespace(disparity=right), "must return an output of m3depth.rivals.output, got SimpleNamespace"),
         (right, "must return an output of m3depth.rivals.output, got Tensor"),
         (SequenceOutput([right, right[:, 0]], [1, 1]), r"must have the shape \(2, 1, 32, 64\), got \(2, 32, 64\)"),
         (SequenceOutput([right[..., ::2], right], [1, 1]), r"the shape \(2, 1, 32, 64\), got \(2, 1, 32, 32\)"),
-        (SequenceOutput([right.bfloat16()], [1]), "must be float32, got bfloat16, which rounds them"),
+        (SequenceOutput([right.bfloat16()], [1]), "must be float32, got bfloat16, which would round them"),
     ):
         monkeypatch.setattr(my_network.Plain, "estimate", lambda *_, output=output: output)
         with pytest.raises(ValueError, match=f"^Plain.estimate:? .*{message}"):

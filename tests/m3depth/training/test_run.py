@@ -61,6 +61,10 @@ def test_another_source_of_an_added_network_is_named(run, tmp_path, monkeypatch)
     source.write_text("width = 2\n")
     other = Run(run.config, CPU)
     assert other.resume() and other.changed == ["the source file of the network has changed"]
+    monkeypatch.delitem(SOURCES, SMALL.KIND)  # a class of a notebook, whose source is unknown
+    notebook = Run(run.config, CPU)
+    assert notebook.resume() and notebook.changed == []
+    monkeypatch.setitem(SOURCES, SMALL.KIND, source)
     state = torch.load(run.checkpoint, weights_only=True)
     state["model"].popitem()  # as of a class that had a layer less
     torch.save(state, run.checkpoint)
