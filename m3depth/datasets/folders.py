@@ -33,9 +33,12 @@ def folder_pairs(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Ite
         DatasetError: A pattern matches nothing, or a left image lacks a partner; the message names it.
     """
     truth = config.disparity or config.depth
-    for flag, pattern in (("--left", config.left), ("--right", config.right), ("--disparity or --depth", truth)):
+    for flag, pattern, example in (
+        ("--left", config.left, "left/*.png"), ("--right", config.right, "right/*.png"),
+        ("--disparity or --depth", truth, "depth/*.png"),
+    ):  # fmt: skip
         if pattern is None:
-            raise DatasetError(f"{root}: --format folder needs {flag}, a pattern such as left/*.png")
+            raise DatasetError(f"{root}: --format folder needs {flag}, a pattern such as {example}")
     assert config.left is not None and config.right is not None and truth is not None
     kind: Kind = "disparity" if config.disparity else "depth"
     patterns = [config.left, config.right, truth] + ([config.normal] if config.normal else [])

@@ -107,7 +107,7 @@ def read_calibration(
         raise ValueError(f"{path}: {error}") from None
     raise ValueError(
         f"{path}: is not a calibration of KITTI (P2:), Middlebury or ETH3D (cam0=), OpenCV (%YAML), ROS "
-        "(projection_matrix:) or marssim"
+        "(projection_matrix:) or marssim (JSON with width, height, fx, fy, cx, cy and baseline)"
     )
 
 
