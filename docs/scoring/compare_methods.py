@@ -84,6 +84,8 @@ class Options:
     reference: str | None = None
     """Method whose errors the others are divided by, as the tables call it. Without it, the first of --runs, else the
     first of --scores, else the first of --records."""
+    title: str = "All tables of the methods"
+    """Title of the page."""
     rendered_elsewhere: bool = False
     """Also take records of the same pairs with other digests, as another processor or version renders them, if as many
     pixels lie in each interval of true depth. The page names them."""
@@ -350,6 +352,7 @@ def work(options: Options) -> None:
         write_atomically(options.out / "records" / file, (json_text(record) + "\n").encode())
     trained = {name: record["run"] for name, record in named.items() if record["run"]}
     content: dict[str, Any] = {
+        "title": options.title,
         "reference": reference,
         "versions": versions(),
         "runs": {

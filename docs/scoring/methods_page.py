@@ -18,7 +18,7 @@ DIGEST = 12  # shown characters of a digest
 def markdown(content: Mapping[str, Any]) -> str:
     """Return the page. Its tables put the method of the lowest Abs Rel first, and those with the true depth last."""
     runs = titled(content["runs"], content["runs"])
-    lines = ["# All tables of the methods", "", "Means over images, with 95 % intervals over scenes:", ""]
+    lines = [f"# {content['title']}", "", "Means over images, with 95 % intervals over scenes:", ""]
     lines += _summary(content)
     if runs:
         threads = counted(content["versions"]["torch_threads"], "thread")

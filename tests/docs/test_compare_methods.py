@@ -516,6 +516,18 @@ def test_the_table_of_the_results_is_that_of_the_command():
     assert shown and set(summary) <= shown <= {row for table in (summary, *others) for row in table}
 
 
+def test_the_tables_of_the_scores_of_longer_trainings_are_those_of_their_file(compare_methods):
+    """Their records are tested by test_longer_trainings.py."""
+    folder = WEIGHTS.parent / "rescored"
+    page = read_json(folder / "methods.json")
+    assert sys.modules["methods_page"].markdown(page) == (folder / "methods.md").read_text(encoding="utf-8")
+    assert {path.stem for path in folder.glob("records/*.json")} == page["sets"]["clean"]["metrics"].keys()
+    files = {run.name: run for other in ("longer", "again") for run in (WEIGHTS.parent / other).iterdir()}
+    assert {name: digest_of(run) for name, run in files.items()} == {
+        name: run["weights_sha256"] for name, run in page["runs"].items()
+    }
+
+
 def flat(content: dict | list, name: str = "") -> dict[str, object]:
     """The values of nested objects and lists by their places, and numbers by nine digits."""
     values: dict[str, object] = {}
