@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from compare_methods import metrics
 from method_records import VISIBLE, read_record, training
 
 from m3depth.evaluation.report import number
+from m3depth.evaluation.report import table as markdown_table
 
 METHODS = Path(__file__).parents[1] / "results" / "methods"
 LONGER, RECORDS, ENDING = METHODS / "longer", METHODS / "records", "-150-min"
@@ -53,7 +53,7 @@ def rows(longer: Path = LONGER, records: Path = RECORDS) -> list[list[str]]:
         commits = ", ".join(dict.fromkeys(start["commit"] for start in long["starts"]))
         out.append(
             [
-                f"`{name}`", str(long["steps"]), str(short["steps"]), f"{last['epe']:.2f}", f"{before['epe']:.2f}",
+                name, str(long["steps"]), str(short["steps"]), f"{last['epe']:.2f}", f"{before['epe']:.2f}",
                 _degrees(last), _degrees(before), f"{100 * share:.0f} %", commits, f"`{digest}`",
             ]
         )  # fmt: skip
@@ -62,7 +62,7 @@ def rows(longer: Path = LONGER, records: Path = RECORDS) -> list[list[str]]:
 
 def table(longer: Path = LONGER, records: Path = RECORDS) -> str:
     """Return the table in Markdown. Arguments are those of rows."""
-    return _markdown(COLUMNS, rows(longer, records))
+    return "\n".join(markdown_table([*COLUMNS], rows(longer, records))) + "\n"
 
 
 def scores_table(longer: Path = LONGER, rescored: Path = RESCORED) -> str:
@@ -84,8 +84,8 @@ def scores_table(longer: Path = LONGER, rescored: Path = RESCORED) -> str:
         long, short = (read_record(rescored / f"{label}.json")["sets"] for label in (run.name, name))
         for of_set in long:
             scores = metrics(long[of_set], short[of_set])
-            out.append([f"`{name}`, {of_set}", *(_with_ratio(scores[key]) for key in SCORES)])
-    return _markdown(["network and pairs", *SCORES.values()], out)
+            out.append([f"{name}, {of_set}", *(_with_ratio(scores[key]) for key in SCORES)])
+    return "\n".join(markdown_table(["network and pairs", *SCORES.values()], out)) + "\n"
 
 
 def _with_ratio(score: dict[str, Any]) -> str:
@@ -95,12 +95,6 @@ def _with_ratio(score: dict[str, Any]) -> str:
     return f"{number(score['value'])} ({score['ratio']:.2f} times, {low} to {high})"
 
 
-def _markdown(columns: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """Return a table."""
-    every = [columns, ("---", *("---:" for _ in columns[1:])), *lines]
-    return "".join("| " + " | ".join(line) + " |\n" for line in every)
-
-
 def _degrees(validation: dict[str, Any]) -> str:
     normal = validation.get("normal")
     return "-" if normal is None else f"{normal:.1f}"
@@ -108,5 +102,4 @@ def _degrees(validation: dict[str, Any]) -> str:
 
 if __name__ == "__main__":
     print(table())
-    if RESCORED.is_dir():
-        print(scores_table(), end="")
+    print(scores_table(), end="")
