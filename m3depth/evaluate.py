@@ -55,6 +55,7 @@ from marssim.base.results.claim import ResultFolder
 from marssim.base.results.code_state import versions
 
 EXAMPLES = 3  # pairs in the figures
+NOTED_SHARE = 0.01  # of pixels that are scored apart, from which on a note says so
 
 
 def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
@@ -150,6 +151,12 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
     print(text_table(evaluation.results))
     if options.reader.normals == "depth" and not evaluation.true_depth_normals["all"]["pixels"]:
         print(f"warning: {NO_NORMALS}", file=sys.stderr)
+    if (share := evaluation.near_share()) >= NOTED_SHARE:
+        print(
+            f"note: {share:.0%} of the pixels with true depth have more than --max-disparity, "
+            f"{options.max_disparity:g} px; they are not in this table, but scored apart, as near",
+            file=sys.stderr,
+        )
     print(f"{counted(len(evaluation.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")
     return evaluation
 

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from m3depth.weights import named_by
+from m3depth.weights import SHIPPED_WEIGHTS, named_by, weights_file
 from marssim.base.command.run import run_command
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import json_text
@@ -57,7 +57,8 @@ class ExportOptions:
     out: Path
     """ONNX file to write; its name must end in .onnx."""
     weights: Path | None = None
-    """Weights file (.safetensors) that m3depth.train wrote. Without it, the shipped weights are exported."""
+    """Weights file (.safetensors) that m3depth.train wrote. Without it, or by the word shipped, the shipped weights are
+    exported."""
     opset: int = OPSETS[0]
     """Version of the ONNX operator set, 17 to 20."""
 
@@ -214,7 +215,7 @@ def export(options: ExportOptions) -> dict[str, Any]:
     from m3depth.network.model import M3Depth
 
     with named_by("--weights"):
-        model = M3Depth.from_pretrained(options.weights)
+        model = M3Depth.from_pretrained(SHIPPED_WEIGHTS if options.weights is None else weights_file(options.weights))
     exported = to_onnx(model, options.opset)
     differences = parity(model, exported, ((1, 96, 160), (2, 131, 203)))
     if not max(differences["mean_px"], differences["mean_other"]) < PARITY:

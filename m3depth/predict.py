@@ -32,6 +32,7 @@ values. The command writes into RESULT, or for many pairs into a folder of each 
     normal.png         uint16, red right, green up, blue to the camera: red is (1 + x) / 2 times 65535; black: none
     confidence.npy     float32, 0 to 1; 0: unknown
     confidence.png     uint16, confidence times 65535
+    sky.png            uint8, 255: sky, or too far to be measured; 0: ground, or unknown
     left_right.npy     float32 [px], with --left-right: difference of both eyes' disparities; NaN: not compared
     cloud.ply          coloured points [m], camera frame, without points that hang between two surfaces
     figure.png         image, depth, normals and confidence; grey: sky, or farther than the scale; black: unknown

@@ -65,6 +65,11 @@ class Evaluation:
         depth = next(iter(self.results.values()))["depth"]
         return int(depth["all"]["pixels"] + depth["near"]["pixels"])
 
+    def near_share(self) -> float:
+        """Return the share of the scored pixels whose disparity is so large that they are scored apart, as near."""
+        near = next(iter(self.results.values()))["depth"]["near"]["pixels"]
+        return float(near / max(self.scored_pixels, 1))
+
     def nothing_scored(self, dataset: StereoPairs) -> str:
         """Return the message on an evaluation of these pairs that scored no pixel: why, and what to check."""
         has_sky = any(result["sky"]["pixels"] for result in self.results.values())

@@ -57,8 +57,7 @@ def infer_pair(
     if max_pixels is not None and not max_pixels >= LEAST_PIXELS:
         raise ValueError(f"max_pixels must be at least {LEAST_PIXELS}, got {max_pixels}")
     left, right = checked_pair(left, right, rig)
-    if align:
-        right, _ = align_rows(left, right, rig)
+    right, rows_fit = align_rows(left, right, rig) if align else (right, None)
     height, width = left.shape[:2]
     if (whole := padded_rig(rig)) is not rig:
         rig, max_pixels = whole, None  # no fewer pixels than the image has
@@ -73,7 +72,7 @@ def infer_pair(
         None if x is None else x[:height, :width] for x in (made.depth, made.disparity, made.normal, made.confidence)
     )
     assert depth is not None and disparity is not None and confidence is not None
-    return Prediction(depth, disparity, normal, confidence)
+    return Prediction(depth, disparity, normal, confidence, rows_fit)
 
 
 def padded_rig(rig: StereoRig) -> StereoRig:
@@ -128,6 +127,9 @@ def working_sizes(
 def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
     """Return the maps of one pair, (1, C, h, w), as a Prediction of the rig's size.
 
+    The confidence c of being right within 1 px of a smaller image becomes 1 - (1 - c)^(1 / factor), that of 1 px of the
+    rig's image if errors are distributed exponentially.
+
     Args:
         out: What the network returned, at its last size. Without a confidence, it is 1 where depth is known; without a
             map of the sky, the sky is where the disparity ends.
@@ -139,8 +141,8 @@ def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
     )
     assert disparity is not None
     certain = torch.ones_like(disparity) if certain is None else certain.sigmoid()
-    if disparity.shape[-2:] != size:
-        factor = size[1] / disparity.shape[-1]
+    factor = size[1] / disparity.shape[-1]
+    if resized := disparity.shape[-2:] != size:
         disparity, normal, certain, sky_logit = (
             None if x is None else F.interpolate(x, size, mode="bilinear")
             for x in (disparity * factor, normal, certain, sky_logit)
@@ -157,11 +159,13 @@ def prediction_of(out: Maps, rig: StereoRig) -> Prediction:
         valid &= sky_logit[0, 0].isfinite()
         candidates |= sky_logit[0, 0] > 0
     may_be, far, sure = (x.cpu().numpy() for x in (candidates & valid, disparity, certain))
-    sky = torch.from_numpy(possible_sky(may_be, far, sure, rig.camera)).to(disparity.device)
+    sky = torch.from_numpy(possible_sky(may_be, far, sure, rig)).to(disparity.device)
     valid &= sky | (disparity >= MIN_DISPARITY)  # where no sky can be, nothing is as far
     disparity = disparity.masked_fill(sky, 0.0).masked_fill_(~valid, torch.nan)
     depth = disparity_to_depth(disparity, rig.fb)
     disparity.masked_fill_(depth.isinf(), 0.0)
+    if resized:
+        certain = 1 - (1 - certain) ** (1 / factor)
     certain = certain.masked_fill(~valid, 0.0)
     if normal is not None:
         normal = normal[0].permute(1, 2, 0).contiguous().masked_fill_(~valid[..., None], torch.nan)

@@ -9,6 +9,8 @@ calibration does not tell: where it is more, the right image is moved to make up
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -114,4 +116,4 @@ def given_back(prediction: Prediction, rig: StereoRig, shift: float) -> Predicti
         slope[..., 2] += shift
         turned = -slope / np.linalg.norm(slope, axis=-1, keepdims=True)
         normal = np.where(np.isfinite(turned).all(axis=-1, keepdims=True), turned, normal).astype(np.float32)
-    return Prediction(depth, disparity.astype(np.float32), normal, prediction.confidence)
+    return replace(prediction, depth=depth, disparity=disparity.astype(np.float32), normal=normal)

@@ -21,6 +21,7 @@ from marssim.base.dataset.map_file import MAP_FORMATS, MAP_KINDS, encode_map
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import DatasetError, write_json
 from marssim.base.files.npy import encode_npy
+from marssim.base.files.png import encode_png
 from marssim.base.images.depth_edges import depth_edges
 from marssim.base.images.pointcloud import coloured_points, encode_ply
 from marssim.base.pose import moved
@@ -28,8 +29,8 @@ from marssim.base.results.claim import PARTIAL, ResultFolder
 
 EDGE_SHARE = 0.02  # largest change of disparity within 3 x 3 px, as a share of it, that is no depth edge
 RECORD = "prediction.json"  # written last: a folder that has it is whole
-CLOUD, FIGURE, DIFFERENCE, STEPS = "cloud.ply", "figure.png", "left_right.npy", "steps.png"
-FILES = (*(f"{kind}.{form}" for kind in MAP_KINDS for form in MAP_FORMATS), CLOUD, FIGURE, DIFFERENCE, STEPS)
+CLOUD, FIGURE, DIFFERENCE, STEPS, SKY = "cloud.ply", "figure.png", "left_right.npy", "steps.png", "sky.png"
+FILES = (*(f"{kind}.{form}" for kind in MAP_KINDS for form in MAP_FORMATS), SKY, CLOUD, FIGURE, DIFFERENCE, STEPS)
 UNFINISHED = '{"unfinished": "predict this pair again"}\n'  # RECORD of one pair while its files are written
 
 
@@ -138,8 +139,10 @@ def write_prediction(
             else:  # files of an earlier run would be taken for this one's
                 (out / f"{kind}.{form}").unlink(missing_ok=True)
     count = 0
-    for name in (CLOUD, FIGURE, DIFFERENCE, STEPS):
+    for name in (SKY, CLOUD, FIGURE, DIFFERENCE, STEPS):
         (out / name).unlink(missing_ok=True)
+    if "sky" in options.write:
+        write_atomically(out / SKY, encode_png(np.where(result.prediction.is_sky, np.uint8(255), np.uint8(0))))
     if "cloud" in options.write:
         points, colours = point_cloud(
             result.left, result.prediction, result.rig, options.cloud_confidence, options.max_range

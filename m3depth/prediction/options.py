@@ -95,7 +95,7 @@ class PredictOptions:
     base_link needs none."""
     weights: Path | None = None
     """Weights file (.safetensors) of m3depth.train to predict with; the same as --estimator m3depth:PATH. Without it,
-    the shipped weights."""
+    or by the word shipped, the shipped weights."""
     estimator: Annotated[str, tyro.conf.arg(aliases=["--method"])] = "m3depth"
     """Stereo method: m3depth (shipped weights), m3depth:PATH (other weights), sgbm or another classical method that
     m3depth.evaluate --baselines lists, or package.module:Class, a class without arguments that has infer(left, right,
@@ -129,8 +129,8 @@ class PredictOptions:
     maps keep all pixels that the method measured, and clouds those of 0.5 and more."""
     max_range: float = 30.0
     """Largest depth [m], above 0, of the points of the point clouds."""
-    write: tuple[Literal["depth", "disparity", "normal", "confidence", "cloud", "figure", "bag"], ...] = (
-        *MAP_KINDS, "cloud", "figure", "bag",
+    write: tuple[Literal["depth", "disparity", "normal", "confidence", "sky", "cloud", "figure", "bag"], ...] = (
+        *MAP_KINDS, "sky", "cloud", "figure", "bag",
     )  # fmt: skip
     """What to write. Without figure, many pairs have no overview and no video, and without cloud no fused cloud. If the
     source is a ROS 2 bag, bag writes one of depth, DisparityImage and, with cloud, PointCloud2; it needs depth."""

@@ -86,11 +86,14 @@ def checked_pair(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> tuple[n
     checked = []
     for name, image in (("left", left), ("right", right)):
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-            raise ValueError(f"{name} image must be a uint8 array, got {getattr(image, 'dtype', type(image).__name__)}")
+            kind = str(getattr(image, "dtype", type(image).__name__))
+            advice = "; m3depth.datasets.image_files.in_eight_bits converts a pair" if kind == "uint16" else ""
+            raise ValueError(f"{name} image must be a uint8 array, got {kind}{advice}")
         if image.ndim == 3 and image.shape[2] == 1:
             image = image[..., 0]
         if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
-            raise ValueError(f"{name} image must be (H, W) or (H, W, 3), got {image.shape}")
+            advice = "; image[..., :3] is without the alpha channel" if image.shape[2:] == (4,) else ""
+            raise ValueError(f"{name} image must be (H, W) or (H, W, 3), got {image.shape}{advice}")
         if image.shape[:2] != (rig.camera.height, rig.camera.width):
             raise ValueError(
                 f"{name} image is {image.shape[1]} x {image.shape[0]}, "

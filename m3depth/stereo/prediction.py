@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from m3depth.stereo.rows import RowFit
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -19,12 +21,16 @@ class Prediction:
         normal: (H, W, 3) float32, unit length, facing the camera (n . ray < 0), NaN where it is unknown; None if the
             method gives none.
         confidence: (H, W) float32 in [0, 1]; 0 where depth is unknown.
+        row_fit: How the rows of the pair lay apart, where infer(..., align_rows=True) aligned them; None where they
+            stayed as they are. The disparities are those of the aligned right image, from which
+            m3depth.stereo.rows.columns_in_given_image leads to the given one.
     """
 
     depth: np.ndarray
     disparity: np.ndarray
     normal: np.ndarray | None
     confidence: np.ndarray
+    row_fit: RowFit | None = None
 
     @property
     def is_sky(self) -> np.ndarray:

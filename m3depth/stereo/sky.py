@@ -10,7 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from marssim.base.camera import PinholeCamera
+from marssim.base.camera import PinholeCamera, StereoRig
 
 CONFIDENT = 0.5  # confidence from which a pixel tells where the ground is
 # Share of the pixels that must be confident ground. 284 rendered images, half of them with faults, have .47 and more;
@@ -21,26 +21,25 @@ ROUNDS = 8  # of the robust fit
 UPRIGHT = 0.3  # least cosine between the plane's normal and the image's vertical: a wall has no horizon
 TOLERANCE = 0.5  # [px] disparity off the plane at which a pixel weighs half
 # [rad] Sky may begin this far below the horizon of the ground before the rover, where the ground falls away behind a
-# crest. From 1.2 m, ground of this plane that is farther below it is nearer than 8 m.
+# crest, but not so far that ground of this plane would be nearer than NEAR_GROUND, as it is for a lower camera.
 BELOW_HORIZON = float(np.arctan(1.2 / 8))
+NEAR_GROUND = 8.0  # [m]
 
 
-def possible_sky(
-    candidates: np.ndarray, disparity: np.ndarray, confidence: np.ndarray, camera: PinholeCamera
-) -> np.ndarray:
+def possible_sky(candidates: np.ndarray, disparity: np.ndarray, confidence: np.ndarray, rig: StereoRig) -> np.ndarray:
     """Return the part of what a network takes for sky that can be sky, with what floats in it.
 
     It is connected with the upper border of the image, and lies above the horizon of the plane that fits the confident
-    disparities best, or at most BELOW_HORIZON below it. Where that plane is seen as a wall, the horizon is not known,
-    and only the border decides. Where fewer pixels than FEWEST are confident ground, as before blank ground or where
-    the camera looks up, nothing is sky. A part floats if sky separates it from the lower border and none of its pixels
-    is confident. The image must be upright, as a rover's is.
+    disparities best, or below it by at most BELOW_HORIZON, where the plane is farther than NEAR_GROUND. Where that
+    plane is seen as a wall, the horizon is not known, and only the border decides. Where fewer pixels than FEWEST are
+    confident ground, as before blank ground or where the camera looks up, nothing is sky. A part floats if sky
+    separates it from the lower border and none of its pixels is confident. The image must be upright, as a rover's is.
 
     Args:
         candidates: (H, W) bool, what the network takes for sky.
         disparity: (H, W) [px].
         confidence: (H, W), 0 to 1.
-        camera: The camera of the maps.
+        rig: The cameras of the maps.
 
     Returns:
         (H, W) bool.
@@ -50,8 +49,8 @@ def possible_sky(
     ground = np.flatnonzero(~candidates & (confidence >= CONFIDENT) & np.isfinite(disparity) & (disparity > 0))
     if len(ground) < FEWEST * candidates.size:
         return np.zeros_like(candidates)
-    plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, camera)
-    above = candidates if plane is None else candidates & ~_below_horizon(plane, camera)
+    plane = ground_plane(ground[:: -(-len(ground) // MOST)], disparity, rig.camera)
+    above = candidates if plane is None else candidates & ~_below_horizon(plane, rig)
     border = np.zeros_like(above)
     border[0] = True
     sky = _parts_with(border, above, 4)
@@ -101,9 +100,11 @@ def _downward(plane: np.ndarray, camera: PinholeCamera) -> np.ndarray:
     return np.array([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c])
 
 
-def _below_horizon(plane: np.ndarray, camera: PinholeCamera) -> np.ndarray:
-    """Return the pixels (H, W) that look more than BELOW_HORIZON below the horizon of a plane, d = a u + b v + c."""
-    normal, rays = _downward(plane, camera), camera.rays()
+def _below_horizon(plane: np.ndarray, rig: StereoRig) -> np.ndarray:
+    """Return the pixels (H, W) that look too far below the horizon of a plane, d = a u + b v + c, to see sky."""
+    normal, rays = _downward(plane, rig.camera), rig.camera.rays()
+    height = rig.fb / np.linalg.norm(normal)  # of the camera over the plane [m]
+    limit = min(BELOW_HORIZON, np.arctan(height / NEAR_GROUND))
     x, y = rays[:1, :, 0], rays[:, :1, 1]
     down = x * normal[0] + (y * normal[1] + normal[2])
-    return down > np.sin(BELOW_HORIZON) * np.linalg.norm(normal) * np.sqrt(x * x + (y * y + 1))
+    return down > np.sin(limit) * np.linalg.norm(normal) * np.sqrt(x * x + (y * y + 1))

@@ -26,6 +26,7 @@ from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.degradation import Degradation
 from m3depth.stereo.prediction import Prediction
+from m3depth.weights import SHIPPED_WEIGHTS
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.command.flags import parse
 from marssim.base.dataset.dataset import StereoDataset, write_index
@@ -459,11 +460,19 @@ def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys, monkey
         out = tmp_path / limit
         arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--max-disparity", limit]
         assert main([*arguments, "--estimator", "sgbm", "--limit", "1", "--device", "cpu"]) == 0
+        assert ("have more than --max-disparity, 8 px; they are not in this" in capsys.readouterr().err) == has_near
         content = json.loads((out / "results.json").read_text())
         depth = content["methods"]["SGBM"]["depth"]
         assert content["max_disparity_px"] == float(limit) and (depth["near"]["pixels"] > 0) == has_near
     assert main([*arguments, "--max-disparity", "0"]) == 2
     assert "--max-disparity must be positive, got 0" in capsys.readouterr().err
+
+
+def test_the_word_shipped_names_the_shipped_weights_beside_others(tmp_path):
+    weights = Path("shipped"), tmp_path / "mine.safetensors"
+    options = EvaluateOptions(tmp_path, tmp_path, weights=weights, baselines=())
+    names = named_estimators(options)
+    assert list(names) == ["M3Depth", "mine"] and names["M3Depth"][1].weights == SHIPPED_WEIGHTS
 
 
 def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):

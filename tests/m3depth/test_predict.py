@@ -59,8 +59,10 @@ def test_every_file_is_written_and_reads_back(pair, tmp_path, capsys):
     out = tmp_path / "out"
     assert {p.name for p in out.iterdir()} == {
         "depth.npy", "depth.png", "disparity.npy", "disparity.png", "normal.npy", "normal.png", "confidence.npy",
-        "confidence.png", "cloud.ply", "figure.png", "prediction.json",
+        "confidence.png", "sky.png", "cloud.ply", "figure.png", "prediction.json",
     }  # fmt: skip
+    sky = cv2.imread(str(out / "sky.png"), cv2.IMREAD_UNCHANGED)
+    assert sky.dtype == np.uint8 and (sky == 255 * np.isposinf(np.load(out / "depth.npy"))).all()
     depth = cv2.imread(str(out / "depth.png"), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.uint16 and depth.shape == (45, 61)
     assert (depth[0] == 0).all() and depth[5, 20] == 0 and depth[10, 10] == 4000 and depth[40, 50] == 2000
@@ -469,7 +471,8 @@ def test_a_killed_prediction_starts_over_and_a_new_one_says_what_it_deletes(pair
     capsys.readouterr()
     predict(options(pair, tmp_path, write=("depth", "normal"), map_format=("npy",)), Wall())
     deleted = (
-        "depth.png, disparity.npy, disparity.png, normal.png, confidence.npy, confidence.png, cloud.ply, figure.png"
+        "depth.png, disparity.npy, disparity.png, normal.png, confidence.npy, confidence.png, sky.png, cloud.ply, "
+        "figure.png"
     )
     assert capsys.readouterr().err.splitlines()[-1] == f"note: {out}: deleted {deleted} of the earlier prediction"
 

@@ -32,7 +32,7 @@ class EvaluateOptions:
     pairs without true depth, all are scored."""
     weights: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH ...")] = ()
     """Weights files (.safetensors) of m3depth.train to score, each in a row named after its file or run folder.
-    Without any, the shipped weights are scored, as M3Depth."""
+    Without any, the shipped weights are scored, as M3Depth; the word shipped names them beside others."""
     baselines: tuple[Baseline, ...] = ("sgbm",)
     """Classical methods to score on the same pairs: sgbm is OpenCV's semi-global matching along five paths, sgbm-hh
     along eight, which is slower and more accurate on level ground; ssd, sad and ncc take the window with the least

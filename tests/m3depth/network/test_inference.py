@@ -4,6 +4,8 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from turned_pairs import RIG, slope, slope_disparity, turned
 
 from m3depth.network.inference import infer_pair, prediction_of, working_sizes
@@ -68,6 +70,16 @@ def test_a_disparity_grows_with_the_width_of_its_images() -> None:
     prediction = prediction_of(PlainMaps(torch.full((1, 1, 16, 35), 5.0), None, None, None), rig)
     np.testing.assert_allclose(prediction.disparity, np.full((33, 70), 10), rtol=1e-6)
     np.testing.assert_allclose(prediction.depth, rig.fb / 10, rtol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(rate=st.floats(0.2, 5), factor=st.sampled_from([1, 2, 4]))
+def test_the_confidence_of_enlarged_maps_is_that_of_exponential_errors(rate: float, factor: int) -> None:
+    """Of errors of mean 1 / rate px in the small image, 1 - e^(-rate / factor) are below 1 px of the large one."""
+    logit = torch.full((1, 1, 16, 32), float(np.log(np.expm1(rate))))  # of 1 - e^-rate
+    out = PlainMaps(torch.full((1, 1, 16, 32), 5.0), None, logit, None)
+    confidence = prediction_of(out, NATECAM.resized(32 * factor, 16 * factor)).confidence
+    np.testing.assert_allclose(confidence, -np.expm1(-rate / factor), rtol=1e-4)
 
 
 @pytest.mark.parametrize("apart", [0.0, 1.3])

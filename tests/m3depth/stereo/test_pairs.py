@@ -20,7 +20,8 @@ def test_grey_and_colour_pass(given, squeezed) -> None:
     [
         (np.zeros((4, 6)), "right image must be a uint8 array, got float64"),
         ([[0]], "right image must be a uint8 array, got list"),
-        (np.zeros((4, 6, 4), np.uint8), r"right image must be .*, got \(4, 6, 4\)"),
+        (np.zeros((4, 6), np.uint16), "uint8 array, got uint16; m3depth.datasets.image_files.in_eight_bits converts"),
+        (np.zeros((4, 6, 4), np.uint8), r"right image must be .*, got \(4, 6, 4\); image\[..., :3\] is without"),
         (np.zeros(4, np.uint8), r"right image must be .*, got \(4,\)"),
         (np.zeros((6, 4), np.uint8), "right image is 4 x 6, the rig's camera is 6 x 4"),
     ],

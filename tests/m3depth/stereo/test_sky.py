@@ -12,12 +12,12 @@ RIG = NATECAM.resized(128, 128)
 CAMERA = RIG.camera
 
 
-def level_ground(pitch_deg: float, roll: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def level_ground(pitch_deg: float, roll: float = 0.0, height: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
     """Return the disparity (H, W) [px] of level ground, 0 above the horizon, and how far rays point down [rad]."""
-    pose = look_pose(np.array([0.0, 0.0, 1.2]), 0.3, np.deg2rad(pitch_deg), roll)
+    pose = look_pose(np.array([0.0, 0.0, height]), 0.3, np.deg2rad(pitch_deg), roll)
     rays = CAMERA.rays()
     down = -(rays @ pose[2, :3])
-    disparity = np.where(down > 1e-6, RIG.fb * np.maximum(down, 0) / 1.2, 0)
+    disparity = np.where(down > 1e-6, RIG.fb * np.maximum(down, 0) / height, 0)
     return disparity.astype(np.float32), np.arcsin(down / np.linalg.norm(rays, axis=-1))
 
 
@@ -27,18 +27,27 @@ def test_sky_above_level_ground_stays_and_ground_below_its_horizon_does_not(pitc
     """The network takes everything for sky but a strip of the ground."""
     disparity, down = level_ground(pitch, roll)
     strip = down > np.deg2rad(25)
-    kept = possible_sky(~strip, disparity, np.ones_like(disparity), CAMERA)
+    kept = possible_sky(~strip, disparity, np.ones_like(disparity), RIG)
     assert kept[down < 0].all()
     assert not kept[down > BELOW_HORIZON + 1e-3].any()
+
+
+@pytest.mark.parametrize("height", [0.3, 0.8, 1.2, 3.0])
+@pytest.mark.parametrize("pitch", [8.0, 20.0])
+def test_ground_of_less_than_eight_metres_is_no_sky_from_any_height(height: float, pitch: float) -> None:
+    disparity, down = level_ground(pitch, height=height)
+    kept = possible_sky(down < np.deg2rad(25), disparity, np.ones_like(disparity), RIG)
+    near = (down > 0) & (height / np.tan(np.maximum(down, 1e-6)) < 7.99)
+    assert kept[down < 0].all() and not kept[near].any()
 
 
 def test_patches_that_do_not_reach_the_upper_border_are_no_sky() -> None:
     disparity, down = level_ground(10.0)
     taken = down < 0
     taken[:3] = False
-    assert not possible_sky(taken, disparity, np.ones_like(disparity), CAMERA).any()
+    assert not possible_sky(taken, disparity, np.ones_like(disparity), RIG).any()
     taken[:3, 64] = True
-    assert possible_sky(taken, disparity, np.ones_like(disparity), CAMERA)[5:20, 20].all()
+    assert possible_sky(taken, disparity, np.ones_like(disparity), RIG)[5:20, 20].all()
 
 
 @pytest.mark.parametrize(("rows", "seen"), [(5, False), (8, True)])  # 3.9 and 6.3 % of the image
@@ -48,14 +57,14 @@ def test_a_camera_that_looks_up_sees_sky_only_above_enough_ground(rows: int, see
     disparity[-rows:] = 10 + np.arange(rows)[:, None]
     taken = np.zeros(disparity.shape, bool)
     taken[:-rows] = True
-    assert possible_sky(taken, disparity, sure, CAMERA)[:60].all() == seen
+    assert possible_sky(taken, disparity, sure, RIG)[:60].all() == seen
 
 
 def test_without_confident_ground_nothing_is_sky() -> None:
     """Blank, bright ground up to the lower border looks like this."""
     disparity, down = level_ground(10.0)
     taken = down < np.deg2rad(15)
-    assert not possible_sky(taken, disparity, np.zeros_like(disparity), CAMERA).any()
+    assert not possible_sky(taken, disparity, np.zeros_like(disparity), RIG).any()
 
 
 @pytest.mark.parametrize("levels", [(230, 150), (150, 230), (100, 60)])
@@ -73,7 +82,7 @@ def test_above_a_wall_the_border_decides() -> None:
     over = row < 50 + column / 8
     taken = over.copy()
     taken[60:70, 20:30] = True  # a patch of the wall
-    assert (possible_sky(taken, 20 + 0.01 * row, np.ones_like(row), CAMERA) == over).all()
+    assert (possible_sky(taken, 20 + 0.01 * row, np.ones_like(row), RIG) == over).all()
 
 
 CLOUD = np.s_[5:12, 40:60]  # a part of the sky that the network takes for something near
@@ -84,7 +93,7 @@ def test_what_floats_in_the_sky_is_sky_unless_one_of_its_pixels_is_confident(con
     disparity, down = level_ground(10.0)
     taken, sure = down < 0, np.where(down < 0, 0.2, 0.9).astype(np.float32)
     taken[CLOUD], sure[8, 50] = False, confidence
-    sky = possible_sky(taken, disparity, sure, CAMERA)
+    sky = possible_sky(taken, disparity, sure, RIG)
     assert (sky[CLOUD] == (confidence < 0.5)).all()
     assert sky[taken].all() and not sky[down > 0].any()
 
@@ -97,7 +106,7 @@ def test_what_touches_the_ground_does_not_float(columns: np.ndarray) -> None:
     taken[CLOUD] = False
     rows = np.arange(12, np.flatnonzero((down > 0).all(1))[0])
     taken[rows, columns[rows - 12]] = False
-    assert not possible_sky(taken, disparity, sure, CAMERA)[CLOUD].any()
+    assert not possible_sky(taken, disparity, sure, RIG)[CLOUD].any()
 
 
 def test_without_a_confident_pixel_what_reaches_the_lower_border_does_not_float() -> None:
@@ -107,7 +116,7 @@ def test_without_a_confident_pixel_what_reaches_the_lower_border_does_not_float(
     taken[CLOUD] = False
     sure = np.where(column > 64, 0.9, 0.2).astype(np.float32)
     sure[:50] = 0.2
-    sky = possible_sky(taken, 20 + 0.01 * row, sure, CAMERA)
+    sky = possible_sky(taken, 20 + 0.01 * row, sure, RIG)
     assert sky[CLOUD].all() and (sky == ((row < 50) | (abs(column - 64) < 4))).all()
 
 
@@ -117,7 +126,7 @@ def test_a_view_down_has_no_sky() -> None:
     taken = np.zeros_like(down, dtype=bool)
     taken[:40, 30:90] = True
     assert down.min() > BELOW_HORIZON
-    assert not possible_sky(taken, disparity, np.ones_like(disparity), CAMERA).any()
+    assert not possible_sky(taken, disparity, np.ones_like(disparity), RIG).any()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
@@ -144,4 +153,4 @@ def test_walls_determine_no_horizon(across: float) -> None:
 
 def test_nothing_taken_stays_nothing() -> None:
     none = np.zeros((128, 128), bool)
-    assert possible_sky(none, none.astype(np.float32), none.astype(np.float32), CAMERA) is none
+    assert possible_sky(none, none.astype(np.float32), none.astype(np.float32), RIG) is none
