@@ -48,6 +48,8 @@ def read_drives(config: InspectConfig) -> dict[Path, EpisodeRecord]:
         DatasetError: The folder holds no drives, or a record is broken; the message names the file.
         ValueError: No drive ended as --outcome says.
     """
+    if config.run.is_file():
+        raise DatasetError(f"{config.run}: is a file; give the folder that envs.evaluate wrote")
     files = sorted((config.run / "episodes").glob("*.json"))
     if not files:
         raise DatasetError(f"{config.run}: holds no episodes; give a folder that envs.evaluate wrote")

@@ -83,6 +83,9 @@ def join(config: JoinConfig) -> dict[str, Any]:
     """
     if config.out.resolve() in (folder.resolve() for folder in config.shards):
         raise DatasetError(f"--out {config.out}: is one of the shards; choose another")
+    for folder in config.shards:
+        if folder.is_file():
+            raise DatasetError(f"{folder}: is a file; give the folder that envs.evaluate --shard wrote")
     marks = [read_json(folder / SETTINGS) for folder in config.shards]
     contents = [_results(folder / RESULTS) for folder in config.shards]
     first = config.shards[0]

@@ -114,6 +114,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     | Key                  | Meaning                                                                               |
     |----------------------|---------------------------------------------------------------------------------------|
     | `outcome`            | see above                                                                             |
+    | `is_success`         | whether the rover is at its goal                                                      |
     | `distance`           | distance to the goal [m]                                                              |
     | `shortest`           | length of the shortest passable path from the start to the goal [m]                    |
     | `to_go`              | length of the shortest passable path from here to the goal [m]; inf if there is none  |
@@ -149,8 +150,7 @@ class MarsNavEnv(gymnasium.Env, EzPickle):
     `mast`, `map_observation`: whether the action has a pan and the observation a map, see the spaces.
 
     `disparity_noise`: standard deviation of an error added to the disparity of each pixel [px], at 512 pixels.
-    `align_rows`: whether rows of the two images that lie significantly apart are aligned before the perception sees
-    them (m3depth.stereo.rows). It is so by default, and takes some 0.03 s a look.
+    `align_rows`: whether rows that lie significantly apart are aligned first, in some 0.03 s a look; True by default.
 
     `runtime`: the program that runs M3Depth: "pytorch", "openvino" (on the CPU, with the extra `fast`), or "auto",
     which is OpenVINO if it is installed and there is no GPU. Their disparities differ by some thousandths of a pixel.

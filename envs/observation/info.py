@@ -24,6 +24,7 @@ def episode_info(outcome: str, course: Course, way: WayDriven, gaze: Gaze, belie
     assert gaze.sight is not None
     return {
         "outcome": outcome,
+        "is_success": outcome == "goal",
         "distance": float(np.hypot(*(course.goal - way.place[:2]))),
         "shortest": course.shortest,
         "to_go": float(way.to_go),

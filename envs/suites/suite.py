@@ -92,8 +92,9 @@ class Suite:
         built = course_values(course) | {"sensor": sensor_values(sensor)}
         if differing := [name for name in built if not _same(name, built, episode)]:
             raise DatasetError(
-                f"suite {self.name}: this simulator builds another course {number} of {split}, {condition} "
-                f"({', '.join(differing)} differ); drive it with release {self.made_with}, or take a newer suite"
+                f"suite {self.name}: course {number} of {split}, {condition}, is not the one that this simulator "
+                f"builds (another {', '.join(differing)}); drive it with release {self.made_with}, which made the "
+                "suite, or take a newer suite"
             )
 
 

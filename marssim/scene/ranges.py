@@ -25,5 +25,7 @@ def check_ranges(config: object, limits: Mapping[str, Range]) -> None:
         if not isinstance(ends, Sequence | np.ndarray) or len(ends) != 2:
             raise ValueError(f"{name} must be a range LOW HIGH, two equal numbers for a fixed value, got {ends!r}")
         low, high = ends
+        if low == high and not least <= low <= most:
+            raise ValueError(f"{name} must be within {least:g} and {most:g}, got {low}")
         if not least <= low <= high <= most:
             raise ValueError(f"{name} must be a range LOW HIGH within {least:g} and {most:g}, got {low} {high}")

@@ -63,6 +63,12 @@ def test_a_broken_record_of_a_drive_costs_only_its_looks(folder, monkeypatch, ca
     )
 
 
+def test_a_file_instead_of_a_folder_is_one_line(tmp_path, capsys):
+    (tmp_path / "results.json").write_text("{}")
+    assert command.main([str(tmp_path / "results.json")]) == 2
+    assert "results.json: is a file; give the folder that envs.evaluate wrote" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -138,6 +138,12 @@ def test_a_message_on_absent_shards_names_the_methods_that_lack_them():
     assert _absent([config("1/140", "sgbm")]) == "; not given: shard 2/140, 3/140, 4/140, 5/140, 6/140 and 134 more"
 
 
+def test_a_file_instead_of_a_folder_is_refused(shards, tmp_path, capsys):
+    file = shards[0] / "results.json"
+    assert main([str(file), "--out", str(tmp_path / "all")]) == 2
+    assert capsys.readouterr().err == f"error: {file}: is a file; give the folder that envs.evaluate --shard wrote\n"
+
+
 def test_a_folder_that_is_given_twice_is_refused(shards, tmp_path, capsys):
     assert main([str(shards[0]), str(shards[0]), "--out", str(tmp_path / "all")]) == 2
     assert capsys.readouterr().err == f"error: the folder {shards[0]} is given twice\n"

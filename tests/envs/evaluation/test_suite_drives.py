@@ -56,7 +56,9 @@ def test_a_simulator_that_builds_another_scene_stops_the_evaluation(small_suite,
         episode["scene"] = ["0" * 16] * 2
     changed = tmp_path / "changed-v1.json"
     changed.write_text(json.dumps(content))
-    with pytest.raises(DatasetError, match="suite small-v1: this simulator builds another course 0 of dev, clear"):
+    with pytest.raises(
+        DatasetError, match="suite small-v1: course 0 of dev, clear, is not the one that this simulator builds"
+    ):
         evaluate(make_suite_config(changed, tmp_path / "out", driver=("straight",), condition=("clear",), episodes=1))
 
 

@@ -29,7 +29,7 @@ def test_a_range_ascends_within_its_limits(first, second):
     if not wrong:
         check_ranges(Two(first, second), LIMITS)
     else:
-        with pytest.raises(ValueError, match=f"^{wrong[0]} must be a range LOW HIGH within"):
+        with pytest.raises(ValueError, match=f"^{wrong[0]} must be (a range LOW HIGH )?within"):
             check_ranges(Two(first, second), LIMITS)
 
 
@@ -40,6 +40,11 @@ def test_a_range_ascends_within_its_limits(first, second):
 def test_every_config_of_ranges_is_checked(config, name):
     with pytest.raises(ValueError, match=rf"^{name} must be a range LOW HIGH within .*, got 0\.5 0\.4"):
         config(**{name: (0.5, 0.4)})
+
+
+def test_a_fixed_value_is_named_as_a_number():
+    with pytest.raises(ValueError, match=r"^optical_depth must be within 0 and 12, got 99$"):
+        LookConfig(optical_depth=(99, 99))
 
 
 @pytest.mark.parametrize("value", [20, 0.5, (1.0,), (1.0, 2.0, 3.0)])
