@@ -26,6 +26,7 @@ from m3depth.datasets.open import open_pairs
 from m3depth.estimator import Estimator, EstimatorName, distinct_labels, load_estimator
 from m3depth.evaluation.bootstrap import mean_interval
 from m3depth.evaluation.without_truth.photometric import residuals
+from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.pairs import scene_name, spread
 from m3depth.stereo.rows import align_rows
@@ -34,6 +35,7 @@ from marssim.base.command.run import run_command
 from marssim.base.command.wording import STARTS_OVER
 from marssim.base.files.atomic import write_atomically
 from marssim.base.files.json_file import write_json
+from marssim.base.results.code_state import versions
 
 TRUTH = "truth"  # the name of the true disparity among the methods
 
@@ -119,9 +121,15 @@ def work(options: Options) -> None:
     """Measure, and write the numbers and the table."""
     names = [EstimatorName.parse(text, "--estimator") for text in options.estimator]
     methods = dict(zip(distinct_labels(names), map(load_estimator, options.estimator), strict=True))
+    about = {
+        "split": options.split,
+        "estimators": {label: {"name": name.form, "sha256": name.digest()} for label, name in zip(methods, names)},
+        "runtime": recorded_runtime([name.name for name in names]),
+        "versions": versions(),
+    }
     content = [measure(folder, options, methods) for folder in options.data]
     options.out.mkdir(parents=True, exist_ok=True)
-    write_json(options.out / "residual.json", {"split": options.split, "datasets": content}, sort_keys=False)
+    write_json(options.out / "residual.json", {**about, "datasets": content}, sort_keys=False)
     write_atomically(options.out / "residual.md", table(content).encode())
     print(table(content), end="")
 

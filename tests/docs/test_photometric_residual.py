@@ -50,7 +50,10 @@ def test_the_command_writes_a_row_for_each_dataset(photometric_residual, tmp_pat
     monkeypatch.setattr(photometric_residual, "open_pairs", lambda folder, split, reader: pairs)
     out = tmp_path / "out"
     assert photometric_residual.main(["--data", "a", "b/c", "--estimator", "sgbm", "--out", str(out)]) == 0
-    content = read_json(out / "residual.json")["datasets"]
+    record = read_json(out / "residual.json")
+    assert record["estimators"] == {"SGBM": {"name": "sgbm", "sha256": None}} and record["runtime"] is None
+    assert "numpy" in record["versions"]
+    content = record["datasets"]
     assert [(row["data"], row["pairs"], row["scenes"]) for row in content] == [("a", 4, 4), ("b/c", 4, 4)]
     assert content[0]["methods"]["SGBM"]["ratio"] == pytest.approx(1, abs=0.05)
     low, high = content[0]["methods"]["truth"]["interval"]
