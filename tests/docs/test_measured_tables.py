@@ -300,7 +300,8 @@ def test_the_scores_on_unseen_scenes_are_those_of_their_files() -> None:
     labels = {"M3Depth": "M3Depth", "M3Depth, weights of 0.1.0": "release_0.1", "SGBM, filled": "SGBM"}
     labels["SGBM-HH, filled"] = "SGBM-HH"
     sets = {"clean": "clean", "degraded": "degraded", "sun at 10 deg": "sun10", "smooth dust": "dust"}
-    files = [json.loads((ROOT / f"depth/{name}.json").read_text()) for name in ("all_512", "all_1024", "dust", "clean")]
+    names = ("maps", "all_512", "all_1024", "dust", "clean")
+    files = [json.loads((ROOT / f"depth/{name}.json").read_text()) for name in names]
     checked = 0
     for pairs, label, *cells in rows("depth.md", "## On unseen scenes\n"):
         size, name = pairs.split(" px, ")
@@ -312,6 +313,20 @@ def test_the_scores_on_unseen_scenes_are_those_of_their_files() -> None:
         assert cells == [*errors, *angles]
         checked += 1
     assert checked == 4 + 4 + 3 + 3 + 3 * 3 + 3
+
+
+def test_the_rocks_in_the_navigators_map_are_those_of_their_files() -> None:
+    labels = {"M3Depth": "M3Depth", "M3Depth, weights of 0.1.0": "release_0.1"}
+    labels |= {"SGBM": "SGBM", "true depth": "ground_truth"}
+    parts = [json.loads((ROOT / f"depth/{name}.json").read_text())["parts"]["512"] for name in ("maps", "all_512")]
+    sets = parts[0]["clean"], parts[1]["degraded"], parts[0]["sun10"]
+    table_rows = rows("depth.md", "In the navigator's map of a single image")
+    assert len(table_rows) == 4
+    for label, *cells in table_rows:
+        scores = [part["map"][labels[label.strip("*")]] for part in sets]
+        for score, cell in zip(scores, cells, strict=True):
+            false = score["false"]["value"]
+            assert cell == f"{100 * score['found_both']['value']:.1f} %, {false:.{0 if false > 100 else 1}f}"
 
 
 def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
