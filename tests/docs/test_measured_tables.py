@@ -329,6 +329,19 @@ def test_the_rocks_in_the_navigators_map_are_those_of_their_files() -> None:
             assert cell == f"{100 * score['found_both']['value']:.1f} %, {false:.{0 if false > 100 else 1}f}"
 
 
+def test_the_scores_in_the_world_of_the_first_release_are_those_of_their_file() -> None:
+    sizes = json.loads((ROOT / "depth/old_world.json").read_text())["sizes"]
+    labels = {"M3Depth": "M3Depth", "M3Depth, weights of 0.1.0": "0.1.0", "SGBM, filled": "SGBM"}
+    table_rows = rows("depth.md", "### Both weights in the world of 0.1.0\n")
+    assert len(table_rows) == 9
+    for pairs, label, *cells in table_rows:
+        part = sizes[pairs.split()[2]]
+        value = {name: score["value"] for name, score in part["methods"][labels[label]].items()}
+        assert pairs.startswith(f"{part['pairs']} of ")
+        errors = [f"{value['abs_rel']:.4f}", f"{value['epe_visible']:.3f}", f"{100 * value['bad1']:.1f} %"]
+        assert cells == [*errors, f"{value['normal']:.1f} deg"]
+
+
 def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
     scores = json.loads((ROOT / "depth/rows.json").read_text())
     kinds = {"clean": "clean", "sun at 10 deg": "sun", "image faults": "faults"}
