@@ -60,8 +60,9 @@ class CompareConfig:
     suite: str | None = None
     """Name or file of the suite, for one that is not in the package."""
     check: bool = False
-    """Only check the files: that they keep to the schema, hold every episode that they name once, and contradict
-    neither themselves nor the suite. Says how many episodes of the split each of them holds."""
+    """Only check the files: that they keep to the schema, hold every episode that they name once, say what drove it,
+    and contradict neither themselves nor the suite, in settings, episodes and figures. Says how many episodes of the
+    split each of them holds."""
 
     def __post_init__(self) -> None:
         if not self.results:

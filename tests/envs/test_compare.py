@@ -2,6 +2,7 @@ import hashlib
 import json
 import math
 import shutil
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,14 +15,18 @@ from envs.comparison.suite_results import SuiteResults, _fault_of_looks, _fault_
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 
+BESIDE_EPISODES = ("config", "driven_with", "results", "differences")  # what may be left out of a file
+
 
 @pytest.fixture
 def edited(suite_run, tmp_path):
-    """Returns a copy of the results after a change of their content."""
+    """Returns a copy of the results after a change of their episodes, without what need not stand beside them."""
 
     def edit(change, name="theirs"):
         content = json.loads((suite_run / "results.json").read_text())
+        content = {key: value for key, value in content.items() if key not in BESIDE_EPISODES}
         change(content)
+        content["code"] = Counter(episode["code"].partition("\n")[0] for episode in content["episodes"])
         path = tmp_path / name / "results.json"
         path.parent.mkdir()
         path.write_text(json.dumps(content))
@@ -43,7 +48,8 @@ def test_every_file_is_checked_and_part_of_a_split_is_called_so(suite_run, small
     bad.write_text("{}")
     kept = [episode for episode in content["episodes"] if episode["condition"] == "clear"]
     suite = {**content["suite"], "conditions": ["clear"]}
-    part.write_text(json.dumps({**content, "episodes": kept, "suite": suite}))
+    beside = {"code": {kept[0]["code"]: len(kept)}, "versions": content["versions"]}
+    part.write_text(json.dumps({**beside, "episodes": kept, "suite": suite}))
     assert main([*map(str, (bad, part, suite_run)), "--check", "--suite", str(small_suite)]) == 2
     out, error = capsys.readouterr()
     first, second = out.splitlines()
@@ -329,6 +335,7 @@ def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsy
         for episode in content["episodes"]:
             if episode["driver"] == driver:
                 episode["driver"] = "mine:Driver"  # of the built-in ones, only the navigator has causes
+        content["weights"] = {"mine:Driver": "0" * 64}
         failed[0].update(outcome="collision", cause="missed obstacle", min_clearance=0.01)
 
     path = edited(fail)
