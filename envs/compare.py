@@ -27,6 +27,7 @@ from envs.comparison.depth_metrics import (
     dots_without_each_course,
 )
 from envs.comparison.methods import methods_of, under_conditions, with_first
+from envs.comparison.repeats import repeat_in_words, repeats_of
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
 from envs.drives.report import failure_table
@@ -85,7 +86,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
 
     Returns:
         The content of comparison.json: suite, split, track; rows, notes and failures, as envs.comparison.report has
-        them; dots and correlations, as envs.comparison.depth_metrics has them.
+        them; repeats, as envs.comparison.repeats has them; dots and correlations, as envs.comparison.depth_metrics has
+        them.
 
     Raises:
         DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
@@ -108,7 +110,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     dots = condition_dots(methods)
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
-        "notes": comparison_notes(methods), "failures": failures_of(methods), "dots": dots,
+        "notes": comparison_notes(methods), "repeats": repeats_of(methods), "failures": failures_of(methods),
+        "dots": dots,
         "correlations": correlate(dots, dots_without_each_course(methods)),
     }  # fmt: skip
     if config.out is not None:
@@ -133,7 +136,8 @@ def _write(out: Path, content: Mapping[str, Any]) -> None:
 def page(content: Mapping[str, Any]) -> str:
     """Return the content of comparison.md from that of comparison.json."""
     head = f"Suite {content['suite']}, split {content['split']}, track {content['track']}.\n\n"
-    notes = "".join(f"- {in_table(note)}\n" for note in content["notes"])
+    sentences = [*content["notes"], *map(repeat_in_words, content["repeats"])]
+    notes = "".join(f"- {in_table(sentence)}\n" for sentence in sentences)
     tables = f"{comparison_table(content['rows'])}\n{notes}"
     failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
     correlations = correlation_table(content["correlations"])
@@ -169,7 +173,8 @@ def _in_words(file: SuiteResults) -> str:
     driven = len(next(iter(file.episodes.values())))
     methods = "; ".join(", ".join(method) for method in file.episodes)
     whole = f"all {driven} episodes" if driven == file.of_split else f"{driven} of {file.of_split} episodes"
-    return f"{file.path}: {whole} of {file.suite}, {file.split}, by {methods}"
+    part = "" if file.part is None or file.part["parts"] == 1 else f"one of {file.part['parts']} parts, with "
+    return f"{file.path}: {part}{whole} of {file.suite}, {file.split}, by {methods}"
 
 
 if __name__ == "__main__":

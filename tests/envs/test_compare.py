@@ -321,6 +321,26 @@ def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
     assert rows[2]["less"]["difference"] == 0
 
 
+def test_drives_that_two_files_hold_are_compared_one_by_one(suite_run, edited, small_suite, tmp_path, capsys):
+    def again(content):
+        for episode in content["episodes"]:
+            episode.update(step_seconds=9.0, perception_seconds=8.0, code="later")
+        content["episodes"][-1]["min_clearance"] = 1.25
+
+    theirs, out = edited(again), tmp_path / "out"
+    last = json.loads(theirs.read_text())["episodes"][-1]
+    assert main([str(suite_run), str(theirs), "--suite", str(small_suite), "--out", str(out)]) == 0
+    page = capsys.readouterr().out
+    for driver, ending in (("straight", "4 of 4"), ("random", "3 of 4")):
+        start = f"- {driver}, ground_truth ({suite_run.name}), and {driver}, ground_truth (theirs): {ending}"
+        assert f"\n{start} shared episodes are equal but for times" in page
+    assert f" but for times; differing: {last['condition']} {last['course']}.\n" in page
+    assert page == (out / "comparison.md").read_text()
+    first, second = json.loads((out / "comparison.json").read_text())["repeats"]
+    assert (first["equal"], first["differing"], second["equal"]) == (4, [], 3)
+    assert not compare(CompareConfig((suite_run,), suite=str(small_suite)))["repeats"]
+
+
 def test_the_chassis_may_touch_a_rock_that_is_no_obstacle(edited, small_suite, capsys):
     """On uneven ground, one of less than 0.3 m, which the clearance does not count."""
     path = edited(lambda content: failed("collision", None, content["episodes"][0]["driver"], 1.7)(content))
@@ -349,7 +369,7 @@ def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsy
     assert "| unknown |" in page
 
 
-def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite):
+def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite, capsys):
     def shard(number):
         def take(content):
             content["suite"]["shard"] = f"{number}/2"
@@ -359,12 +379,14 @@ def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite)
         return take
 
     parts = [edited(shard(number), f"part{number}") for number in (1, 2)]
+    assert main([str(parts[0]), "--check", "--suite", str(small_suite)]) == 0
+    assert f"{parts[0]}: one of 2 parts, with 2 of 4 episodes of small-v1, dev, by " in capsys.readouterr().out
     whole, joined = (compare(CompareConfig(files, suite=str(small_suite))) for files in ((suite_run,), tuple(parts)))
     assert joined["rows"] == whole["rows"] and joined["dots"] == whole["dots"]
 
     files = (*parts, suite_run)  # which has all episodes of each method
     labels = {row["method"] for row in compare(CompareConfig(files, suite=str(small_suite)))["rows"]}
-    names = ("part1", suite_run.name)
+    names = ("2 parts", suite_run.name)
     assert labels == {f"{driver}, ground_truth ({name})" for driver in ("random", "straight") for name in names}
     for number, path in enumerate(parts):  # another network by the same name is another method
         content = json.loads(path.read_text())
