@@ -4,9 +4,9 @@
     python -m envs.compare out/mine out/theirs --out out/comparison
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
-to the first method of the first file, or to --reference. Further tables have the failures: how they ended, and why, if
-they were recorded; the errors of the depth on the way; and the correlation of success and SPL with these errors: which
-metric of the depth goes with drives.
+to the first method of the first file, or to --reference. Further tables have the steps, looks, time, near misses,
+collisions and ways of each method; the failures: how they ended, and why, if they were recorded; the errors of the
+depth on the way; and the correlation of success and SPL with these errors: which metric of the depth goes with drives.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from envs.comparison.conduct import conduct_of, conduct_table
 from envs.comparison.depth_metrics import (
     condition_dots,
     correlate,
@@ -86,8 +87,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
 
     Returns:
         The content of comparison.json: suite, split, track; rows, notes and failures, as envs.comparison.report has
-        them; repeats, as envs.comparison.repeats has them; dots and correlations, as envs.comparison.depth_metrics has
-        them.
+        them; repeats, conduct, and dots and correlations, as repeats_of, conduct_of and envs.comparison.depth_metrics
+        have them.
 
     Raises:
         DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
@@ -110,8 +111,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     dots = condition_dots(methods)
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
-        "notes": comparison_notes(methods), "repeats": repeats_of(methods), "failures": failures_of(methods),
-        "dots": dots,
+        "notes": comparison_notes(methods), "repeats": repeats_of(methods), "conduct": conduct_of(methods),
+        "failures": failures_of(methods), "dots": dots,
         "correlations": correlate(dots, dots_without_each_course(methods)),
     }  # fmt: skip
     if config.out is not None:
@@ -141,7 +142,9 @@ def page(content: Mapping[str, Any]) -> str:
     tables = f"{comparison_table(content['rows'])}\n{notes}"
     failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
     correlations = correlation_table(content["correlations"])
-    return "\n".join(part for part in (head + tables, failures, depth_table(content["dots"]), correlations) if part)
+    conduct = conduct_table(content["conduct"])
+    parts = (head + tables, conduct, failures, depth_table(content["dots"]), correlations)
+    return "\n".join(part for part in parts if part)
 
 
 def main(args: Sequence[str] | None = None) -> int:

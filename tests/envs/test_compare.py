@@ -282,6 +282,9 @@ def test_methods_of_several_files_are_compared_by_course(
         "| all | random, theirs | 4 on 2 courses | 100 % (34 to 100) |" in page
         and "Suite small-v1, split dev, track both" in page
     )
+    assert page.index("| collisions a km (95 %) |") < page.index("| method | outcome | cause | failures |")
+    conduct = json.loads((out / "comparison.json").read_text())["conduct"]
+    assert [(row["method"], row["episodes"]) for row in conduct] == [(method, 4) for method in overall]
     methods = {
         row["method"]
         for row in compare(CompareConfig((theirs, suite_run), None, "drivers", suite=str(small_suite)))["rows"]
