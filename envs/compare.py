@@ -26,6 +26,8 @@ from envs.comparison.depth_metrics import (
     correlation_table,
     depth_table,
     dots_without_each_course,
+    one_sided,
+    only_with_intervals,
 )
 from envs.comparison.methods import methods_of, under_conditions, with_first
 from envs.comparison.repeats import repeat_in_words, repeats_of
@@ -87,8 +89,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
 
     Returns:
         The content of comparison.json: suite, split, track; rows, notes and failures, as envs.comparison.report has
-        them; repeats, conduct, and dots and correlations, as repeats_of, conduct_of and envs.comparison.depth_metrics
-        have them.
+        them; repeats and conduct, as repeats_of and conduct_of have them; dots, correlations and one_sided, as
+        envs.comparison.depth_metrics has them.
 
     Raises:
         DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
@@ -113,7 +115,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
         "notes": comparison_notes(methods), "repeats": repeats_of(methods), "conduct": conduct_of(methods),
         "failures": failures_of(methods), "dots": dots,
-        "correlations": correlate(dots, dots_without_each_course(methods)),
+        "correlations": only_with_intervals(correlate(dots, dots_without_each_course(methods))),
+        "one_sided": one_sided(dots),
     }  # fmt: skip
     if config.out is not None:
         with ResultFolder(config.out, "comparison").claim():
@@ -141,7 +144,7 @@ def page(content: Mapping[str, Any]) -> str:
     notes = "".join(f"- {in_table(sentence)}\n" for sentence in sentences)
     tables = f"{comparison_table(content['rows'])}\n{notes}"
     failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
-    correlations = correlation_table(content["correlations"])
+    correlations = correlation_table(content["correlations"], content["one_sided"])
     conduct = conduct_table(content["conduct"])
     parts = (head + tables, conduct, failures, depth_table(content["dots"]), correlations)
     return "\n".join(part for part in parts if part)

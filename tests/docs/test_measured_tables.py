@@ -8,6 +8,13 @@ import numpy as np
 import pytest
 
 from envs.comparison.conduct import conduct_of, conduct_table
+from envs.comparison.depth_metrics import (
+    condition_dots,
+    correlate,
+    dots_without_each_course,
+    one_sided,
+    only_with_intervals,
+)
 from envs.comparison.methods import methods_of
 from envs.comparison.suite_results import read_results
 from envs.drives.episodes import is_near_miss
@@ -253,6 +260,30 @@ def test_time_and_safety_on_test_are_those_of_the_files() -> None:
     low, high = less["interval"]
     points = f"{100 * less['difference']:+.0f} percentage points, 95 % interval {100 * low:+.0f} to {100 * high:+.0f}"
     assert f"in {near[1]} of 280 drives, nine more than with true depth ({points})" in " ".join(page.split())
+
+
+def test_the_correlations_of_the_depth_with_spl_are_those_of_the_files() -> None:
+    methods = methods_of([read_results(file) for file in sorted((ROOT / "marsnav-v1").glob("test-*-of-140.json"))])
+    dots = condition_dots(methods)
+    assert one_sided(dots) == {"near_ground_as_sky": "navigator, m3depth"}
+    rows = only_with_intervals(correlate(dots, dots_without_each_course(methods)))
+    of_spl = {row["metric"]: row for row in rows if row["score"] == "spl"}
+    words = {
+        name: {
+            kind: f"{row[kind]:+.2f}, {row[f'{kind}_interval'][0]:+.2f} to {row[f'{kind}_interval'][1]:+.2f}".replace(
+                "0.", "."
+            )
+            for kind in ("spearman", "within")
+        }
+        for name, row in of_spl.items()
+    }
+    text = " ".join((ROOT / "marsnav-v1.md").read_text().split())
+    obstacles, errors, missed = (words[name] for name in ("false_obstacles", "abs_rel", "rocks_missed"))
+    assert f"correlation {obstacles['spearman'].replace(', ', ', 95 % interval ')}), with Abs Rel on the way" in text
+    assert f"with Abs Rel on the way ({errors['spearman']}), and with the share of rocks missed" in text
+    assert f"with the share of rocks missed ({missed['spearman']})" in text
+    within = [each["within"].replace(", ", " (") + ")" for each in (obstacles, errors, missed)]
+    assert f"within the methods they are {within[0]}, {within[1]} and {within[2]}." in text
 
 
 def test_where_the_lead_over_sgbm_comes_from_is_in_the_files() -> None:
