@@ -66,7 +66,8 @@ def _fault_of_settings(content: Mapping[str, Any], suite: Suite, driven: Iterabl
             if name in fixed and value != fixed[name]:
                 return f"{key}.{name} must be {_text(fixed[name])}, as {suite.name} fixes it, got {_text(value)}"
             if name in others and value != others[name]:
-                return f"{key}.{name} must be {_text(others[name])}, as of what was driven, got {_text(value)}"
+                wanted = f"{_text(others[name])}, as the suite and the episodes in the file say"
+                return f"{key}.{name} must be {wanted}, got {_text(value)}"
     return None
 
 
@@ -100,7 +101,9 @@ def _fault_of_rows(content: Mapping[str, Any], driven: Mapping[Method, Sequence[
     for n, row in enumerate(content["results"]):
         key = row["driver"], row["perception"], row["cell"]["condition"]
         if key not in missing:
-            return f"results[{n}] is of {', '.join(key)}: that was not driven, or has a row before"
+            before = any((r["driver"], r["perception"], r["cell"]["condition"]) == key for r in content["results"][:n])
+            why = "as an earlier row is" if before else "as no episode is"
+            return f"results[{n}] must not be of {', '.join(key)}, {why}"
         episodes = missing.pop(key)
         figures = as_json(summarise([_record(episode) for episode in episodes]))
         for name in (*BEYOND_EPISODES, *_unrecorded(episodes)):
