@@ -4,9 +4,9 @@
     python -m envs.compare out/mine out/theirs --out out/comparison
 
 One table has all methods of all files, compared on the episodes that all of them have driven. The others are compared
-to the first method of the first file, or to --reference. Further tables have the failures: how they ended, and why, if
-they were recorded; the errors of the depth on the way; and the correlation of success and SPL with these errors: which
-metric of the depth goes with drives.
+to the first method of the first file, or to --reference. Further tables have the steps, looks, time, near misses,
+collisions and ways of each method; the failures: how they ended, and why, if they were recorded; the errors of the
+depth on the way; and the correlation of success and SPL with these errors: which metric of the depth goes with drives.
 """
 
 from __future__ import annotations
@@ -19,14 +19,18 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from envs.comparison.conduct import conduct_of, conduct_table
 from envs.comparison.depth_metrics import (
     condition_dots,
     correlate,
     correlation_table,
     depth_table,
     dots_without_each_course,
+    one_sided,
+    only_with_intervals,
 )
 from envs.comparison.methods import methods_of, under_conditions, with_first
+from envs.comparison.repeats import repeat_in_words, repeats_of
 from envs.comparison.report import compare_methods, comparison_notes, comparison_table, failures_of
 from envs.comparison.suite_results import SuiteResults, read_results, results_file
 from envs.drives.report import failure_table
@@ -60,8 +64,9 @@ class CompareConfig:
     suite: str | None = None
     """Name or file of the suite, for one that is not in the package."""
     check: bool = False
-    """Only check the files: that they keep to the schema, hold every episode that they name once, and contradict
-    neither themselves nor the suite. Says how many episodes of the split each of them holds."""
+    """Only check the files: that they keep to the schema, hold every episode that they name once, say what drove it,
+    and contradict neither themselves nor the suite, in settings, episodes and figures. Says how many episodes of the
+    split each of them holds."""
 
     def __post_init__(self) -> None:
         if not self.results:
@@ -84,7 +89,8 @@ def compare(config: CompareConfig) -> dict[str, Any]:
 
     Returns:
         The content of comparison.json: suite, split, track; rows, notes and failures, as envs.comparison.report has
-        them; dots and correlations, as envs.comparison.depth_metrics has them.
+        them; repeats and conduct, as repeats_of and conduct_of have them; dots, correlations and one_sided, as
+        envs.comparison.depth_metrics has them.
 
     Raises:
         DatasetError: A file cannot be true, two are of different suites or splits, parts of several evaluations cannot
@@ -107,8 +113,10 @@ def compare(config: CompareConfig) -> dict[str, Any]:
     dots = condition_dots(methods)
     content: dict[str, Any] = {
         "suite": files[0].suite, "split": files[0].split, "track": config.track, "rows": compare_methods(methods),
-        "notes": comparison_notes(methods), "failures": failures_of(methods), "dots": dots,
-        "correlations": correlate(dots, dots_without_each_course(methods)),
+        "notes": comparison_notes(methods), "repeats": repeats_of(methods), "conduct": conduct_of(methods),
+        "failures": failures_of(methods), "dots": dots,
+        "correlations": only_with_intervals(correlate(dots, dots_without_each_course(methods))),
+        "one_sided": one_sided(dots),
     }  # fmt: skip
     if config.out is not None:
         with ResultFolder(config.out, "comparison").claim():
@@ -132,11 +140,14 @@ def _write(out: Path, content: Mapping[str, Any]) -> None:
 def page(content: Mapping[str, Any]) -> str:
     """Return the content of comparison.md from that of comparison.json."""
     head = f"Suite {content['suite']}, split {content['split']}, track {content['track']}.\n\n"
-    notes = "".join(f"- {in_table(note)}\n" for note in content["notes"])
+    sentences = [*content["notes"], *map(repeat_in_words, content["repeats"])]
+    notes = "".join(f"- {in_table(sentence)}\n" for sentence in sentences)
     tables = f"{comparison_table(content['rows'])}\n{notes}"
     failures = failure_table([{**row, "method": in_table(row["method"])} for row in content["failures"]])
-    correlations = correlation_table(content["correlations"])
-    return "\n".join(part for part in (head + tables, failures, depth_table(content["dots"]), correlations) if part)
+    correlations = correlation_table(content["correlations"], content["one_sided"])
+    conduct = conduct_table(content["conduct"])
+    parts = (head + tables, conduct, failures, depth_table(content["dots"]), correlations)
+    return "\n".join(part for part in parts if part)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -168,7 +179,8 @@ def _in_words(file: SuiteResults) -> str:
     driven = len(next(iter(file.episodes.values())))
     methods = "; ".join(", ".join(method) for method in file.episodes)
     whole = f"all {driven} episodes" if driven == file.of_split else f"{driven} of {file.of_split} episodes"
-    return f"{file.path}: {whole} of {file.suite}, {file.split}, by {methods}"
+    part = "" if file.part is None or file.part["parts"] == 1 else f"one of {file.part['parts']} parts, with "
+    return f"{file.path}: {part}{whole} of {file.suite}, {file.split}, by {methods}"
 
 
 if __name__ == "__main__":

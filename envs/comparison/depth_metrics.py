@@ -19,6 +19,12 @@ from marssim.base.files.markdown import in_table
 
 FEWEST = 3  # dots that a correlation needs, and that must differ from the others in the metric and in the score
 DIGITS = 12  # decimals of scores and metrics that count, as means of equal values may differ by rounding
+CORRELATIONS = ("spearman", "within", "pearson")  # in a row of correlate
+NO_INTERVAL = (
+    "No correlation is given where it would have no interval (-). An interval takes "
+    f"{FEWEST_CLUSTERS} courses and {FEWEST_CLUSTERS} conditions or more, and without each of them a correlation that "
+    "is not 1 or -1."
+)
 SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
 
 Dot = Mapping[str, Any]
@@ -143,9 +149,10 @@ def dots_without_each_course(methods: Mapping[str, DrivenMethod]) -> list[list[d
 def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ()) -> list[dict[str, Any]]:
     """Return the correlation of each score with each metric, over the dots that have both.
 
-    Spearman's correlation is that of the ranks. Pearson's is that with the logarithm of a metric that spans decades, if
-    no dot has 0. Values that differ by rounding alone count as equal. Intervals are by the jackknife over the courses,
-    which all conditions have in common, and over the conditions; both variances are added.
+    Metrics of one_sided are left out. Spearman's correlation is that of the ranks. Pearson's is that with the logarithm
+    of a metric that spans decades, if no dot has 0. Values that differ by rounding alone count as equal. Intervals are
+    by the jackknife over the courses, which all conditions have in common, and over the conditions; both variances are
+    added.
 
     Args:
         dots: Of condition_dots.
@@ -155,10 +162,10 @@ def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ())
         Rows with score ("success_rate" or "spl", alone and with "_less_truth"), metric, dots (how many), logarithmic
         (whether Pearson's is with the logarithm), and spearman, pearson, within (Spearman's within methods, see
         ranks_within) and weaker (how much smaller spearman is without its sign than that of the strongest metric for
-        this score, over the dots that have both; None for the strongest itself), each with its 95 % interval, None
-        with fewer than four courses or conditions, and where there is no correlation without one of them. There is no
-        row of fewer than three dots, or where fewer than three (of three dots: two) differ from the value that most
-        have, in the metric or in the score.
+        this score among those with an interval, over the dots that have both; None for the strongest itself), each with
+        its 95 % interval, None with fewer than four courses or conditions, and where there is no correlation without
+        one of them. There is no row of fewer than three dots, or where fewer than three (of three dots: two) differ
+        from the value that most have, in the metric or in the score.
     """
     conditions = dict.fromkeys(dot["condition"] for dot in dots)
     without_condition = [[dot for dot in dots if dot["condition"] != left_out] for left_out in conditions]
@@ -169,12 +176,12 @@ def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ())
         ends = jackknife_interval(value, replicates, is_correlation)
         return {kind: value if np.isfinite(value) else None, f"{kind}_interval": ends}
 
-    rows = []
+    rows, left_out = [], one_sided(dots)
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
         of_score = []
         for name, metric in METRICS.items():
             both, (x, y) = _both(dots, name, score)
-            if _too_few(x, y):
+            if name in left_out or _too_few(x, y):
                 continue
             logarithmic = bool(metric.logarithmic and x.min() > 0)
             row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": logarithmic}
@@ -182,7 +189,8 @@ def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ())
             row |= measured("within", partial(_within, name, score), True)
             row |= measured("pearson", partial(_pearson, name, score, logarithmic), True)
             of_score.append(row | {"weaker": None, "weaker_interval": None})
-        strongest = max(of_score, key=lambda row: abs(row["spearman"]), default=None)
+        certain = [row for row in of_score if row["spearman_interval"] is not None]
+        strongest = max(certain or of_score, key=lambda row: abs(row["spearman"]), default=None)
         for row in of_score:
             if strongest is not None and row is not strongest:
                 _, values = _both(dots, row["metric"], strongest["metric"], score)
@@ -190,6 +198,35 @@ def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ())
                     row |= measured("weaker", partial(_weaker, row["metric"], strongest["metric"], score), False)
         rows += of_score
     return rows
+
+
+def only_with_intervals(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of correlate with None for each value that has no interval.
+
+    Few dots can have a correlation of 1 by chance, and without an interval nobody sees that.
+    """
+    kinds = (*CORRELATIONS, "weaker")
+    return [{**row, **{kind: None for kind in kinds if row[f"{kind}_interval"] is None}} for row in rows]
+
+
+def one_sided(dots: Sequence[Dot]) -> dict[str, str]:
+    """Return the metrics that have one value throughout within each of several methods but one, and that method.
+
+    The share of the ground that is taken for sky is such a metric, where one method alone recognises sky. A correlation
+    with it says that this method differs from the others, in the metric and in the drives.
+
+    Args:
+        dots: Of condition_dots.
+    """
+    out = {}
+    for name in METRICS:
+        both, (values,) = _both(dots, name)
+        methods = [dot["method"] for dot in both]
+        several = [method for method in dict.fromkeys(methods) if methods.count(method) > 1]
+        varying = [method for method in several if _differing(values[[other == method for other in methods]])]
+        if len(several) > 1 and len(varying) == 1:
+            out[name] = varying[0]
+    return out
 
 
 def _both(dots: Sequence[Dot], *names: str) -> tuple[list[Dot], list[np.ndarray]]:
@@ -244,12 +281,22 @@ def correlation_of(rows: Sequence[Mapping[str, Any]], score: str, metric: str) -
     return next((row for row in rows if (row["score"], row["metric"]) == (score, metric)), None)
 
 
-def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows of correlate as a Markdown table, with a note on what they are; without rows, say why."""
+def correlation_table(rows: Sequence[Mapping[str, Any]], left_out: Mapping[str, str] | None = None) -> str:
+    """Return the rows of correlate as a Markdown table, with a note on what they are; without rows, say why.
+
+    Args:
+        rows: Of correlate, as only_with_intervals returns them.
+        left_out: Of one_sided.
+    """
+    reasons = "".join(
+        f"\nNo correlation with the {METRICS[name].words}: within all methods but {in_table(method)}, it is the same "
+        "under all conditions, so it would only tell this method from the others.\n"
+        for name, method in (left_out or {}).items()
+    )
     if not rows:
         return (
             f"No correlation of scores with the depth: it takes {FEWEST} dots or more (a method under a condition) "
-            "that differ from the others in an error of the depth and in a score.\n"
+            f"that differ from the others in an error of the depth and in a score.\n{reasons}"
         )
     lines = [
         "| score | metric of the depth | dots | Spearman (95 %) | weaker than the strongest by (95 %) "
@@ -257,22 +304,24 @@ def correlation_table(rows: Sequence[Mapping[str, Any]]) -> str:
         *(
             f"| {_score_in_words(row['score'])} | {METRICS[row['metric']].words} | {row['dots']} "
             + "".join(f"| {correlation_in_words(row, kind)} " for kind in ("spearman", "weaker", "within", "pearson"))
-            + ("by the logarithm |" if row["logarithmic"] else "|")
+            + ("by the logarithm |" if row["logarithmic"] and row["pearson"] is not None else "|")
             for row in rows
         ),
     ]  # fmt: skip
     note = (
         "A dot is a method under a condition. Metric and score are of the same drives, so a drive that fails, and "
         "looks longer at what stops it, changes both. Intervals are by the jackknife over the courses and over the "
-        f"conditions, where there are {FEWEST_CLUSTERS} of each or more. By the logarithm: the correlation "
-        "with the logarithm of the metric. Less true depth: less the score of the same driver with true depth on the "
-        "same courses, which leaves out how hard a condition is for any eyes. Weaker: how much smaller the correlation "
-        "is, without its sign, than that of the strongest metric, over the dots that have both; the strongest was "
-        "chosen on the same drives. Within methods: of the ranks among the dots of each method, which leaves out "
-        "that one method is worse than another throughout, in the depth and in the drives. "
+        "conditions. By the logarithm: the correlation with the logarithm of the metric. Less true depth: less the "
+        "score of the same driver with true depth on the same courses, which leaves out how hard a condition is. "
+        "Weaker: how much smaller the correlation is, without its sign, than that of the strongest metric, over "
+        "the dots that have both; the strongest was chosen on the same drives. Within methods: of the ranks among the "
+        "dots of each method, which leaves out that one method is worse than another throughout, in the depth and in "
+        "the drives. "
         "The intervals hold for these methods: others were not drawn."
     )
-    return "\n".join([*lines, "", note]) + "\n"
+    if any(row[kind] is None for row in rows for kind in CORRELATIONS):
+        reasons = f"\n{NO_INTERVAL}\n{reasons}"
+    return "\n".join([*lines, "", note]) + f"\n{reasons}"
 
 
 def correlation_in_words(row: Mapping[str, Any], kind: str) -> str:

@@ -11,6 +11,7 @@ from envs.comparison.suite_results import RESULTS, Episodes, Key, Method, SuiteR
 from envs.world.perception import GROUND_TRUTH
 from m3depth.estimator import M3DEPTH
 from m3depth.runtimes.choice import AND, same_runtime
+from marssim.base.command.wording import counted
 from marssim.base.files.json_file import DatasetError
 
 FIXED_DRIVER = "navigator"  # the driver of the track "eyes"
@@ -50,8 +51,8 @@ def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, 
     A method in parts of one evaluation is one method: parts of the same suite, conditions, number of courses and
     number of parts, driven with the same weights and in the same program, none of which has an episode of another.
     Where they have, parts that the same code drove belong together. What belongs together does not depend on the order
-    of the files. A method that remains in several files is labelled with the folder of each results.json, and with the
-    name of a file that is called otherwise.
+    of the files. A method that remains in several files is labelled with the folder of each results.json, with the name
+    of a file that is called otherwise, and with the number of parts that are one.
 
     Raises:
         DatasetError: Parts of several evaluations are there, and nothing tells which belong together.
@@ -68,14 +69,40 @@ def methods_of(files: Iterable[SuiteResults], track: str = "both") -> dict[str, 
     number = Counter(method for method, _ in entries)
     out: dict[str, DrivenMethod] = {}
     for method, parts in entries:
-        path = parts[0].path
-        source = path.parent.name if path.name == RESULTS else path.stem
-        label = ", ".join(method) + (f" ({source or path})" if number[method] > 1 else "")
-        if label in out:
-            label = f"{', '.join(method)} ({path})"
+        others = [each for name, each in entries if name == method and each is not parts]
+        label = ", ".join(method) + (f" ({_source(parts, others)})" if number[method] > 1 else "")
         episodes = {key: episode for part in parts for key, episode in part.episodes[method].items()}
         out[label] = DrivenMethod(*method, episodes, _digests(method, parts[0]), _runtime(method, parts))
     return out
+
+
+def _source(parts: Sequence[SuiteResults], others: Sequence[Sequence[SuiteResults]]) -> str:
+    """Return what tells the parts of an evaluation from those of others: the shortest words that are theirs alone."""
+    for in_words in (_in_number, _in_short):
+        if (words := in_words(parts)) not in map(in_words, others):
+            return words
+    return _in_full(parts)
+
+
+def _in_number(parts: Sequence[SuiteResults]) -> str:
+    """Return the number of parts; of a single file, the name of its folder or its own."""
+    return counted(len(parts), "part") if len(parts) > 1 else _in_short(parts)
+
+
+def _in_short(parts: Sequence[SuiteResults]) -> str:
+    """Return the name of a file or of its folder, and how many other parts it has."""
+    path = parts[0].path
+    name = path.parent.name if path.name == RESULTS else path.stem
+    return _with_number(name or str(path), parts)
+
+
+def _in_full(parts: Sequence[SuiteResults]) -> str:
+    """Return the path of a file, and how many other parts it has."""
+    return _with_number(str(parts[0].path), parts)
+
+
+def _with_number(name: str, parts: Sequence[SuiteResults]) -> str:
+    return name if len(parts) == 1 else f"{len(parts)} parts, with {name}"
 
 
 def with_first(methods: Mapping[str, DrivenMethod], label: str | None) -> dict[str, DrivenMethod]:

@@ -90,12 +90,13 @@ def plot_depth_metrics(
 ) -> None:
     """Plot success and SPL over each metric of the depth on the way, a dot for each condition and method.
 
-    Metrics without a correlation are left out, such as one that is 0 nearly everywhere.
+    Metrics without a row of correlations are left out, such as one that is 0 nearly everywhere, or within all methods
+    but one.
 
     Args:
         path: File of the picture.
         dots: Of envs.comparison.depth_metrics.condition_dots, some of them with metrics.
-        correlations: Of envs.comparison.depth_metrics.correlate, not empty.
+        correlations: Of envs.comparison.depth_metrics.correlate, as only_with_intervals returns them; not empty.
     """
     shown = [name for name in METRICS if any(row["metric"] == name for row in correlations)]
     methods = list(dict.fromkeys(dot["method"] for dot in dots))
@@ -170,4 +171,6 @@ def _distance(box: Bbox, place: np.ndarray) -> float:
 def _correlation_in_words(row: Mapping[str, Any] | None) -> str:
     if row is None:
         return f"no correlation: fewer than {FEWEST} dots that differ"
+    if row["spearman"] is row["pearson"] is None:
+        return "no correlation: it would have no interval"
     return "\n".join(f"{kind.capitalize()} {correlation_in_words(row, kind)}" for kind in ("spearman", "pearson"))

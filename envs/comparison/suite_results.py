@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.comparison.consistency import fault_beside_episodes
 from envs.comparison.schema import results_schema
 from envs.courses.course import CourseConfig
 from envs.drivers.by_name import DRIVERS
@@ -131,6 +132,9 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
             raise DatasetError(
                 f"{path}: {', '.join(method)}: {number} {are} missing, such as {condition}, course {course}"
             )
+    in_order = {method: list(of_method.values()) for method, of_method in driven.items()}
+    if fault := fault_beside_episodes(content, listed, in_order):
+        raise DatasetError(f"{path}: {fault}")
     of_split = sum(split == head["split"] for split, _, _ in listed.episodes)
     weights, runtime = content.get(WEIGHTS, {}), content.get(RUNTIME)
     return SuiteResults(path, listed.name, head["split"], driven, of_split, _part(head), weights, runtime)

@@ -188,6 +188,16 @@ class EpisodeRecord:
     """Heights of the ground [m] in rows of constant y, over a square from -half to half."""
 
 
+def is_near_miss(outcome: str, min_clearance: float) -> bool:
+    """Return whether a drive came nearer to an obstacle than NEAR_MISS without a collision.
+
+    Args:
+        outcome: Of the drive.
+        min_clearance: Its least clearance [m].
+    """
+    return outcome != "collision" and min_clearance < NEAR_MISS
+
+
 def course_options(cell: Cell, seed: int, episode: int) -> dict[str, Any]:
     """Return the options of MarsNavEnv.reset that make the course of an episode.
 
@@ -249,7 +259,7 @@ def run_episode(
         step_seconds=log.seconds / max(steps, 1), perception_seconds=log.perception_seconds / max(steps, 1),
         redraws=info["redraws"], goal=[float(v) for v in env.course.goal], abs_rel=mean_of_measured(log.errors),
         blind=log.blind, looks=log.looks, **log.depth_errors(),
-        near_miss=info["outcome"] != "collision" and info["min_clearance"] < NEAR_MISS,
+        near_miss=is_near_miss(info["outcome"], info["min_clearance"]),
         slip=mean_of_measured(log.slips), energy=info.get("energy"), cause=None, code=code, obstacles=_obstacles(env),
         track=[[float(v) for v in state.position[:2]] for state in log.states],
         headings=[round(float(state.yaw), 4) for state in log.states],

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from envs.drives.episodes import EpisodeRecord, mean_of_measured
-from m3depth.evaluation.bootstrap import mean_interval, student_over_normal
+from m3depth.evaluation.bootstrap import COVERAGE, mean_interval, student_over_normal
 
 # outcomes by ENav's classes of failure, and one class for drives that odometry led to a wrong place
 FAILURES = {
@@ -78,6 +79,17 @@ def wilson_interval(successes: float, trials: float, z: float = 1.96) -> tuple[f
     middle = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
     return float(max(0.0, middle - half)), float(min(1.0, middle + half))
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Return the exact 95 % interval of the mean of a Poisson distribution (Garwood 1936).
+
+    Args:
+        count: The number that was counted.
+    """
+    tail = (1 - COVERAGE) / 2
+    low = float(gammaincinv(count, tail)) if count else 0.0
+    return low, float(gammaincinv(count + 1, 1 - tail))
 
 
 def newcombe_interval(both: float, first: float, second: float, neither: float, z: float = 1.96) -> tuple[float, float]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from envs.drivers.driver import Driver
@@ -12,7 +13,7 @@ from envs.drives.metrics import spl
 from envs.evaluation.config import EvaluateConfig
 from envs.mars_nav import MarsNavEnv
 from envs.suites.conditions import condition_values
-from envs.suites.suite import load_suite
+from envs.suites.suite import Suite, load_suite
 from marssim.base.command.spelling import did_you_mean
 
 # What remains free with --suite; everything else is the suite's.
@@ -40,24 +41,40 @@ def with_suite(config: EvaluateConfig) -> EvaluateConfig:
             conditions = ", ".join(suite.conditions)
             hint = did_you_mean(name, list(suite.conditions))
             raise ValueError(f"--condition {name!r} is unknown{hint}; {suite.name} has {conditions}")
-    split = suite.splits[config.split]
-    most = split["courses"]
+    most = suite.splits[config.split]["courses"]
     if config.episodes is not None and config.episodes > most:
         raise ValueError(f"--episodes must be at most {most}, as many as {suite.name} has, got {config.episodes}")
     return replace(
-        config, **suite.drive, seed=split["seed"], condition=config.condition or tuple(suite.conditions),
+        config, **_fixed_by(suite, config.split), condition=config.condition or tuple(suite.conditions),
         episodes=config.episodes or most,
     )  # fmt: skip
 
 
+def fixed_settings(suite: Suite, split: str) -> dict[str, Any]:
+    """Return all settings that a suite fixes by their names, those of the eyes among them.
+
+    Args:
+        suite: The suite.
+        split: Name of one of its splits.
+    """
+    return {**_settings(EvaluateConfig(Path())), **_fixed_by(suite, split)}
+
+
+def _fixed_by(suite: Suite, split: str) -> dict[str, Any]:
+    """Return the settings that the file of a suite holds; all others that it fixes have their defaults."""
+    return {**suite.drive, "seed": suite.splits[split]["seed"]}
+
+
 def _fixed_flag(config: EvaluateConfig) -> str | None:
     """Return the name of a flag that is set although a suite fixes it; None if there is none."""
-    plain = EvaluateConfig(config.out)
-    for part, unset, free in ((config.eyes, plain.eyes, ()), (config, plain, (*FREE, "eyes"))):
-        for field in fields(part):
-            if field.name not in free and getattr(part, field.name) != getattr(unset, field.name):
-                return field.name
-    return None
+    given, plain = _settings(config), _settings(EvaluateConfig(config.out))
+    return next((name for name in given if given[name] != plain[name]), None)
+
+
+def _settings(config: EvaluateConfig) -> dict[str, Any]:
+    """Return the settings by name that do not remain free with a suite."""
+    others = {name: value for name, value in vars(config).items() if name not in (*FREE, "eyes")}
+    return {**vars(config.eyes), **others}
 
 
 def values_of(config: EvaluateConfig, cell: Cell) -> Mapping[str, Any]:

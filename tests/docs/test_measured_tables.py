@@ -6,8 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
+from envs.comparison.conduct import conduct_of, conduct_table
+from envs.comparison.depth_metrics import (
+    condition_dots,
+    correlate,
+    dots_without_each_course,
+    one_sided,
+    only_with_intervals,
+)
+from envs.comparison.methods import methods_of
+from envs.comparison.suite_results import read_results
+from envs.drives.episodes import is_near_miss
 from envs.drives.metrics import paired_scores
 from envs.suites.suite import load_suite
 from m3depth.evaluation.bootstrap import interval, resampled_means
@@ -232,17 +242,48 @@ def test_what_the_page_counts_on_test_is_in_the_files() -> None:
         f"Of the {len(failed)} drives that failed, {len(gave_up)} ended because the navigator found no path and gave "
         f"up: {gave_up.count('sgbm')} by SGBM, {gave_up.count('sad-sgm')} by semi-global SAD"
     ) in text
-    rates = []
-    for method in ("ground_truth", "m3depth", "sgbm", "sad-sgm"):
-        of_method = [drive for drive in drives if drive["perception"] == method]
-        hits = sum(drive["outcome"] == "collision" for drive in of_method)
-        way = sum(drive["path_length"] for drive in of_method) / 1000
-        interval = chi2.ppf(0.025, 2 * hits) / 2, chi2.ppf(0.975, 2 * hits + 2) / 2  # exact, of a Poisson count
-        rates.append([f"{each / way:.2f}" for each in (hits, *interval)])
-    (true, *of_true), *others = rates
-    assert f"{true} for each kilometre with true depth (95 % interval {' to '.join(of_true)}, Poisson)" in text
-    for name, (rate, *interval) in zip(("M3Depth", "SGBM", "semi-global SAD"), others, strict=True):
-        assert f"{rate} by {name} ({' to '.join(interval)})" in text
+
+
+def test_time_and_safety_on_test_are_those_of_the_files() -> None:
+    methods = methods_of([read_results(file) for file in sorted((ROOT / "marsnav-v1").glob("test-*-of-140.json"))])
+    conduct = conduct_of(methods)
+    table, _, _ = conduct_table(conduct).partition("\n\n")
+    page = (ROOT / "marsnav-v1.md").read_text()
+    assert f"### Time and safety\n\n{table}\n\n" in page
+    missed = [
+        {key: (float(is_near_miss(e["outcome"], e["min_clearance"])), 0.0) for key, e in method.episodes.items()}
+        for method in methods.values()
+    ]
+    less = paired_scores(missed[1], missed[0])
+    near = [row["near_misses"] for row in conduct]
+    assert max(near) == near[1] and near[1] - near[0] == 9
+    low, high = less["interval"]
+    points = f"{100 * less['difference']:+.0f} percentage points, 95 % interval {100 * low:+.0f} to {100 * high:+.0f}"
+    assert f"in {near[1]} of 280 drives, nine more than with true depth ({points})" in " ".join(page.split())
+
+
+def test_the_correlations_of_the_depth_with_spl_are_those_of_the_files() -> None:
+    methods = methods_of([read_results(file) for file in sorted((ROOT / "marsnav-v1").glob("test-*-of-140.json"))])
+    dots = condition_dots(methods)
+    assert one_sided(dots) == {"near_ground_as_sky": "navigator, m3depth"}
+    rows = only_with_intervals(correlate(dots, dots_without_each_course(methods)))
+    of_spl = {row["metric"]: row for row in rows if row["score"] == "spl"}
+    words = {
+        name: {
+            kind: f"{row[kind]:+.2f}, {row[f'{kind}_interval'][0]:+.2f} to {row[f'{kind}_interval'][1]:+.2f}".replace(
+                "0.", "."
+            )
+            for kind in ("spearman", "within")
+        }
+        for name, row in of_spl.items()
+    }
+    text = " ".join((ROOT / "marsnav-v1.md").read_text().split())
+    obstacles, errors, missed = (words[name] for name in ("false_obstacles", "abs_rel", "rocks_missed"))
+    assert f"correlation {obstacles['spearman'].replace(', ', ', 95 % interval ')}), with Abs Rel on the way" in text
+    assert f"with Abs Rel on the way ({errors['spearman']}), and with the share of rocks missed" in text
+    assert f"with the share of rocks missed ({missed['spearman']})" in text
+    within = [each["within"].replace(", ", " (") + ")" for each in (obstacles, errors, missed)]
+    assert f"within the methods they are {within[0]}, {within[1]} and {within[2]}." in text
 
 
 def test_where_the_lead_over_sgbm_comes_from_is_in_the_files() -> None:

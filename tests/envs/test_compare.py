@@ -2,6 +2,7 @@ import hashlib
 import json
 import math
 import shutil
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,14 +15,18 @@ from envs.comparison.suite_results import SuiteResults, _fault_of_looks, _fault_
 from marssim.base.files.json_file import DatasetError
 from marssim.base.results import lock
 
+BESIDE_EPISODES = ("config", "driven_with", "results", "differences")  # what may be left out of a file
+
 
 @pytest.fixture
 def edited(suite_run, tmp_path):
-    """Returns a copy of the results after a change of their content."""
+    """Returns a copy of the results after a change of their episodes, without what need not stand beside them."""
 
     def edit(change, name="theirs"):
         content = json.loads((suite_run / "results.json").read_text())
+        content = {key: value for key, value in content.items() if key not in BESIDE_EPISODES}
         change(content)
+        content["code"] = Counter(episode["code"].partition("\n")[0] for episode in content["episodes"])
         path = tmp_path / name / "results.json"
         path.parent.mkdir()
         path.write_text(json.dumps(content))
@@ -43,7 +48,8 @@ def test_every_file_is_checked_and_part_of_a_split_is_called_so(suite_run, small
     bad.write_text("{}")
     kept = [episode for episode in content["episodes"] if episode["condition"] == "clear"]
     suite = {**content["suite"], "conditions": ["clear"]}
-    part.write_text(json.dumps({**content, "episodes": kept, "suite": suite}))
+    beside = {"code": {kept[0]["code"]: len(kept)}, "versions": content["versions"]}
+    part.write_text(json.dumps({**beside, "episodes": kept, "suite": suite}))
     assert main([*map(str, (bad, part, suite_run)), "--check", "--suite", str(small_suite)]) == 2
     out, error = capsys.readouterr()
     first, second = out.splitlines()
@@ -276,6 +282,9 @@ def test_methods_of_several_files_are_compared_by_course(
         "| all | random, theirs | 4 on 2 courses | 100 % (34 to 100) |" in page
         and "Suite small-v1, split dev, track both" in page
     )
+    assert page.index("| collisions a km (95 %) |") < page.index("| method | outcome | cause | failures |")
+    conduct = json.loads((out / "comparison.json").read_text())["conduct"]
+    assert [(row["method"], row["episodes"]) for row in conduct] == [(method, 4) for method in overall]
     methods = {
         row["method"]
         for row in compare(CompareConfig((theirs, suite_run), None, "drivers", suite=str(small_suite)))["rows"]
@@ -315,6 +324,26 @@ def test_one_method_in_two_files_keeps_apart(suite_run, small_suite, tmp_path):
     assert rows[2]["less"]["difference"] == 0
 
 
+def test_drives_that_two_files_hold_are_compared_one_by_one(suite_run, edited, small_suite, tmp_path, capsys):
+    def again(content):
+        for episode in content["episodes"]:
+            episode.update(step_seconds=9.0, perception_seconds=8.0, code="later")
+        content["episodes"][-1]["min_clearance"] = 1.25
+
+    theirs, out = edited(again), tmp_path / "out"
+    last = json.loads(theirs.read_text())["episodes"][-1]
+    assert main([str(suite_run), str(theirs), "--suite", str(small_suite), "--out", str(out)]) == 0
+    page = capsys.readouterr().out
+    for driver, ending in (("straight", "4 of 4"), ("random", "3 of 4")):
+        start = f"- {driver}, ground_truth ({suite_run.name}), and {driver}, ground_truth (theirs): {ending}"
+        assert f"\n{start} shared episodes are equal but for times" in page
+    assert f" but for times; differing: {last['condition']} {last['course']}.\n" in page
+    assert page == (out / "comparison.md").read_text()
+    first, second = json.loads((out / "comparison.json").read_text())["repeats"]
+    assert (first["equal"], first["differing"], second["equal"]) == (4, [], 3)
+    assert not compare(CompareConfig((suite_run,), suite=str(small_suite)))["repeats"]
+
+
 def test_the_chassis_may_touch_a_rock_that_is_no_obstacle(edited, small_suite, capsys):
     """On uneven ground, one of less than 0.3 m, which the clearance does not count."""
     path = edited(lambda content: failed("collision", None, content["episodes"][0]["driver"], 1.7)(content))
@@ -329,6 +358,7 @@ def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsy
         for episode in content["episodes"]:
             if episode["driver"] == driver:
                 episode["driver"] = "mine:Driver"  # of the built-in ones, only the navigator has causes
+        content["weights"] = {"mine:Driver": "0" * 64}
         failed[0].update(outcome="collision", cause="missed obstacle", min_clearance=0.01)
 
     path = edited(fail)
@@ -342,7 +372,7 @@ def test_failures_are_counted_by_method_end_and_cause(edited, small_suite, capsy
     assert "| unknown |" in page
 
 
-def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite):
+def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite, capsys):
     def shard(number):
         def take(content):
             content["suite"]["shard"] = f"{number}/2"
@@ -352,12 +382,14 @@ def test_shards_of_one_evaluation_are_one_method(suite_run, edited, small_suite)
         return take
 
     parts = [edited(shard(number), f"part{number}") for number in (1, 2)]
+    assert main([str(parts[0]), "--check", "--suite", str(small_suite)]) == 0
+    assert f"{parts[0]}: one of 2 parts, with 2 of 4 episodes of small-v1, dev, by " in capsys.readouterr().out
     whole, joined = (compare(CompareConfig(files, suite=str(small_suite))) for files in ((suite_run,), tuple(parts)))
     assert joined["rows"] == whole["rows"] and joined["dots"] == whole["dots"]
 
     files = (*parts, suite_run)  # which has all episodes of each method
     labels = {row["method"] for row in compare(CompareConfig(files, suite=str(small_suite)))["rows"]}
-    names = ("part1", suite_run.name)
+    names = ("2 parts", suite_run.name)
     assert labels == {f"{driver}, ground_truth ({name})" for driver in ("random", "straight") for name in names}
     for number, path in enumerate(parts):  # another network by the same name is another method
         content = json.loads(path.read_text())

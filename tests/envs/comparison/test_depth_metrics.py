@@ -12,6 +12,8 @@ from envs.comparison.depth_metrics import (
     correlation_table,
     depth_table,
     dots_without_each_course,
+    one_sided,
+    only_with_intervals,
     ranks_within,
 )
 from envs.comparison.methods import DrivenMethod
@@ -175,6 +177,62 @@ def test_three_courses_or_conditions_are_too_few_for_an_interval(courses, condit
     rows = correlate(condition_dots(methods), dots_without_each_course(methods))
     assert rows and all(row["spearman_interval"] is row["pearson_interval"] is None for row in rows)
     assert f"| SPL | Abs Rel on the way | {2 * conditions} | {rows[0]['spearman']:+.2f} |" in correlation_table(rows)
+
+
+def test_no_correlation_is_given_without_an_interval(tmp_path, drawn_figures):
+    few, enough = (
+        only_with_intervals(correlate(condition_dots(methods), dots_without_each_course(methods)))
+        for methods in (scattered(2), scattered(5))
+    )
+    assert few and all(row[kind] is None for row in few for kind in ("spearman", "within", "pearson", "weaker"))
+    table = correlation_table(few)
+    assert "| SPL | Abs Rel on the way | 16 | - | - | - | - |\n" in table and "+1.00" not in table
+    assert "\nNo correlation is given where it would have no interval (-). An interval takes 4 courses and 4 " in table
+    assert all(row["spearman"] is not None for row in enough)
+    assert "no interval (-)" not in correlation_table(enough)
+    plot_depth_metrics(tmp_path / "plot.png", condition_dots(scattered(2)), few)
+    titles = {axes.get_title() for axes in drawn_figures[0].axes}
+    assert titles == {"no correlation: it would have no interval", "no correlation: fewer than 3 dots that differ"}
+
+
+def test_the_strongest_metric_is_one_with_an_interval():
+    """Errors that have exactly the order of SPL correlate by -1, of which no interval can be given."""
+    methods = scattered(5)
+    for method in methods.values():
+        spls = {key: episode["spl"] for key, episode in method.episodes.items()}
+        for (condition, course), episode in method.episodes.items():
+            mean = np.mean([spl for (other, _), spl in spls.items() if other == condition])
+            episode.update(spl=mean, abs_rel=2 - mean, false_obstacles=round(100 * (1 - mean)) + course * 7 % 5)
+            episode["looks"] = 10 + int(condition) % 3
+    rows = only_with_intervals(correlate(condition_dots(methods), dots_without_each_course(methods)))
+    of_spl = {row["metric"]: row for row in rows if row["score"] == "spl"}
+    assert of_spl["abs_rel"]["spearman"] is None
+    assert of_spl["false_obstacles"]["spearman"] < -0.5 and of_spl["false_obstacles"]["weaker"] is None
+
+
+def test_a_metric_that_varies_within_one_method_alone_is_left_out(tmp_path, drawn_figures):
+    dots = condition_dots(scattered(5))
+    for dot in dots:
+        dot["near_ground_as_sky"] = 0.01 * (1 + int(dot["condition"])) if dot["method"] == "good" else 0.0
+    assert one_sided(dots) == {"near_ground_as_sky": "good"}
+    rows = correlate(dots)
+    assert rows and "near_ground_as_sky" not in {row["metric"] for row in rows}
+    table = correlation_table(rows, one_sided(dots))
+    assert (
+        "\nNo correlation with the share of the ground within 8 m taken for sky: within all methods but good, it is the"
+        " same under all conditions, so it would only tell this method from the others.\n"
+    ) in table
+    plot_depth_metrics(tmp_path / "plot.png", dots, rows)
+    assert "sky" not in "".join(axes.get_xlabel() for axes in drawn_figures[0].axes)
+    bad = next(dot for dot in dots if dot["method"] == "bad")
+    bad["near_ground_as_sky"] = 0.3
+    assert not one_sided(dots) and "near_ground_as_sky" in {row["metric"] for row in correlate(dots)}
+
+
+def test_a_metric_of_one_method_or_of_one_condition_is_not_left_out():
+    dots = condition_dots(scattered(5))
+    assert not one_sided([dot for dot in dots if dot["method"] == "good"])
+    assert not one_sided([dot for dot in dots if dot["condition"] == "0"])
 
 
 def test_an_interval_needs_a_correlation_without_each_condition():

@@ -59,6 +59,18 @@ def test_parts_that_nothing_tells_apart_are_refused():
     assert list(twice) == ["navigator, m3depth (a1)", "navigator, m3depth (b1)"]
 
 
+def test_joined_parts_are_labelled_by_their_number_and_where_that_is_not_enough_by_a_file():
+    ours = [part("a1", (0, 2)), part("a2", (1, 3))]
+    again = [part("b1", (0, 2), code="bb"), part("b2", (1, 3), code="bb")]
+    alone = replace(part("alone", range(4)), part=None)
+    assert list(methods_of(ours)) == ["navigator, m3depth"]
+    assert list(methods_of([*ours, alone])) == ["navigator, m3depth (2 parts)", "navigator, m3depth (alone)"]
+    labels = ["navigator, m3depth (2 parts, with a1)", "navigator, m3depth (2 parts, with b1)"]
+    assert list(methods_of([*ours, *again])) == labels
+    twins = [replace(alone, path=Path(folder) / "out/results.json") for folder in ("mine", "theirs")]
+    assert list(methods_of(twins)) == [f"navigator, m3depth ({twin.path})" for twin in twins]
+
+
 def test_a_merged_method_has_the_weights_and_the_fullest_record_of_its_program():
     (method,) = methods_of([part("one", (0, 2)), part("two", (1, 3), runtime="openvino 1 cpu bf16")]).values()
     assert method.weights == {"m3depth": "0"} and method.runtime == "openvino 1 cpu bf16"

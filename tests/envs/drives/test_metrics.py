@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest, multinomial, norm
+from scipy.stats import binomtest, chi2, multinomial, norm
 from scipy.stats import t as student
 
 from envs.drives.episodes import EpisodeRecord
@@ -11,6 +11,7 @@ from envs.drives.metrics import (
     effective_drives,
     newcombe_interval,
     paired_difference,
+    poisson_interval,
     soft_spl,
     spl,
     summarise,
@@ -53,6 +54,13 @@ def test_no_trials_are_refused():
         wilson_interval(0, 0)
     with pytest.raises(ValueError, match="episode"):
         summarise([])
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 40])
+def test_the_interval_of_a_poisson_count_is_that_of_chi_squared(count):
+    low, high = poisson_interval(count)
+    assert low == pytest.approx(chi2.ppf(0.025, 2 * count) / 2 if count else 0.0)
+    assert high == pytest.approx(chi2.ppf(0.975, 2 * count + 2) / 2)
 
 
 @pytest.mark.parametrize(
