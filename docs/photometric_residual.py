@@ -123,7 +123,9 @@ def work(options: Options) -> None:
     methods = dict(zip(distinct_labels(names), map(load_estimator, options.estimator), strict=True))
     about = {
         "split": options.split,
-        "estimators": {label: {"name": name.form, "sha256": name.digest()} for label, name in zip(methods, names)},
+        "estimators": {
+            label: {"name": name.form, "sha256": name.digest()} for label, name in zip(methods, names, strict=True)
+        },
         "runtime": recorded_runtime([name.name for name in names]),
         "versions": versions(),
     }

@@ -20,7 +20,7 @@ from m3depth.rivals.config import SOURCES
 from m3depth.runtimes.choice import check_runtime, chosen_runtime, is_other_network
 from m3depth.stereo.prediction import Prediction
 from m3depth.user_module import ChangedModuleError, import_user_module
-from m3depth.weights import SHIPPED_WEIGHTS, check_weights_file, named_by, weights_file
+from m3depth.weights import SHIPPED, SHIPPED_WEIGHTS, check_weights_file, named_by
 from m3depth.weights.config_json import kind_in_file
 from marssim.base.camera import StereoRig
 from marssim.base.command.spelling import did_you_mean
@@ -131,7 +131,7 @@ class EstimatorName:
     def weights(self) -> Path | None:
         """The file of weights of M3Depth, or of another network that m3depth.train trained; None for other methods."""
         first, _, path = self.name.partition(":")
-        return (weights_file(Path(path)) if path else SHIPPED_WEIGHTS) if first == M3DEPTH else None
+        return (Path(path) if path else SHIPPED_WEIGHTS) if first == M3DEPTH else None
 
     @property
     def file(self) -> Path | None:
@@ -195,6 +195,11 @@ class EstimatorName:
             return None
         path = self.weights.absolute()
         return (path.parent if path.stem == "weights" and path.parent.name else path.with_suffix("")).parts[1:]
+
+
+def name_with_weights(path: Path) -> str:
+    """Return the name of the estimator that has a file of weights, which the word "shipped" names too."""
+    return M3DEPTH if path == Path(SHIPPED) else f"{M3DEPTH}:{path}"
 
 
 def distinct_labels(names: Sequence[EstimatorName]) -> list[str]:

@@ -153,8 +153,8 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         print(f"warning: {NO_NORMALS}", file=sys.stderr)
     if (share := evaluation.near_share()) >= NOTED_SHARE:
         print(
-            f"note: {share:.0%} of the pixels with true depth have more than --max-disparity, "
-            f"{options.max_disparity:g} px; they are not in this table, but scored apart, as near",
+            f"note: {share:.0%} of the pixels with true depth have a disparity above --max-disparity "
+            f"({options.max_disparity:g} px); this table leaves them out, and results.json has them as near",
             file=sys.stderr,
         )
     print(f"{counted(len(evaluation.pairs), 'pair')}; figures by kind and depth, and pictures, are in {options.out}")

@@ -61,14 +61,23 @@ def _fault_of_settings(content: Mapping[str, Any], suite: Suite, driven: Iterabl
     for key, others in (("config", named), ("driven_with", noted)):
         settings = content.get(key, {})
         eyes = settings.get("eyes")
-        flat = settings | eyes if isinstance(eyes, dict) else settings
-        for name, value in flat.items():
+        places = [(f"{key}.{name}", name, value) for name, value in settings.items()]
+        if isinstance(eyes, dict):
+            places += [(f"{key}.eyes.{name}", name, value) for name, value in eyes.items()]
+        for place, name, value in places:
             if name in fixed and value != fixed[name]:
-                return f"{key}.{name} must be {_text(fixed[name])}, as {suite.name} fixes it, got {_text(value)}"
-            if name in others and value != others[name]:
+                return f"{place} must be {_text(fixed[name])}, as {suite.name} fixes it, got {_text(value)}"
+            if name in others and not _names_the_same(value, others[name]):
                 wanted = f"{_text(others[name])}, as the suite and the episodes in the file say"
-                return f"{key}.{name} must be {wanted}, got {_text(value)}"
+                return f"{place} must be {wanted}, got {_text(value)}"
     return None
+
+
+def _names_the_same(value: Any, expected: Any) -> bool:
+    """Return whether a setting is the expected one; the order of names in a list does not count."""
+    if isinstance(value, list) and isinstance(expected, list):
+        return sorted(map(str, value)) == sorted(map(str, expected))
+    return bool(value == expected)
 
 
 def _fault_of_provenance(content: Mapping[str, Any], driven: Mapping[Method, Sequence[Episode]]) -> str | None:

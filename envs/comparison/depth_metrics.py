@@ -22,8 +22,8 @@ DIGITS = 12  # decimals of scores and metrics that count, as means of equal valu
 CORRELATIONS = ("spearman", "within", "pearson")  # in a row of correlate
 NO_INTERVAL = (
     "No correlation is given where it would have no interval (-). An interval takes "
-    f"{FEWEST_CLUSTERS} courses and {FEWEST_CLUSTERS} conditions or more, and without each of them a correlation that "
-    "is not 1 or -1."
+    f"{FEWEST_CLUSTERS} courses and {FEWEST_CLUSTERS} conditions or more, and, whichever of them is left out, a "
+    "correlation other than 1 and -1."
 )
 SCORES = {"success_rate": ("success [%]", 100), "spl": ("SPL", 1)}  # words of an axis, and its scale
 
@@ -176,12 +176,12 @@ def correlate(dots: Sequence[Dot], without_course: Sequence[Sequence[Dot]] = ())
         ends = jackknife_interval(value, replicates, is_correlation)
         return {kind: value if np.isfinite(value) else None, f"{kind}_interval": ends}
 
-    rows, left_out = [], one_sided(dots)
+    rows, excluded = [], one_sided(dots)
     for score in (*SCORES, *(f"{name}_less_truth" for name in SCORES)):
         of_score = []
         for name, metric in METRICS.items():
             both, (x, y) = _both(dots, name, score)
-            if name in left_out or _too_few(x, y):
+            if name in excluded or _too_few(x, y):
                 continue
             logarithmic = bool(metric.logarithmic and x.min() > 0)
             row: dict[str, Any] = {"score": score, "metric": name, "dots": len(both), "logarithmic": logarithmic}

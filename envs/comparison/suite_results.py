@@ -91,6 +91,8 @@ def read_results(path: Path, suite: str | None = None) -> SuiteResults:
     if fault := first_fault(content, results_schema()):
         if "suite" not in content:
             fault = "the file has no suite; to compare drives without --suite, name all methods in one envs.evaluate"
+        elif fault in ("the file has no code", "the file has no versions"):
+            fault += ", which envs.evaluate writes"
         raise DatasetError(f"{path}: {fault}")
     head = content["suite"]
     if suite is None and head["name"] not in packaged_suites():

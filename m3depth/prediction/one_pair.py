@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from m3depth.estimator import M3DEPTH, Estimator, EstimatorName, load_estimator
+from m3depth.estimator import Estimator, EstimatorName, load_estimator, name_with_weights
 from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import given_back, nearest_without
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
@@ -62,7 +62,7 @@ class Method:
 def method_name(options: PredictOptions) -> tuple[str, str]:
     """Return the name of the method, and the flag that names it."""
     if options.weights is not None:
-        return f"{M3DEPTH}:{options.weights}", "--weights"
+        return name_with_weights(options.weights), "--weights"
     return options.estimator, "--estimator"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from marssim.base.command.input_file import check_file
 
-SHIPPED = "shipped"  # names these weights where a flag takes a file of weights
+SHIPPED = "shipped"  # names these weights in --init of m3depth.train and in --weights
 SHIPPED_WEIGHTS = Path(__file__).parent / "lite.safetensors"
 WANTED = "give a weights.safetensors that m3depth.train wrote"  # the advice of errors
 

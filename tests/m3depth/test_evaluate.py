@@ -460,7 +460,7 @@ def test_the_largest_scored_disparity_is_a_flag(folder, tmp_path, capsys, monkey
         out = tmp_path / limit
         arguments = ["--data", str(folder), "--out", str(out), "--baselines", "none", "--max-disparity", limit]
         assert main([*arguments, "--estimator", "sgbm", "--limit", "1", "--device", "cpu"]) == 0
-        assert ("have more than --max-disparity, 8 px; they are not in this" in capsys.readouterr().err) == has_near
+        assert ("have a disparity above --max-disparity (8 px); this table" in capsys.readouterr().err) == has_near
         content = json.loads((out / "results.json").read_text())
         depth = content["methods"]["SGBM"]["depth"]
         assert content["max_disparity_px"] == float(limit) and (depth["near"]["pixels"] > 0) == has_near

@@ -16,6 +16,7 @@ from m3depth import export as module
 from m3depth.export import INPUTS, OUTPUTS, main, parity, textured_pair, to_onnx
 from m3depth.network.config import PAPER, PLAIN_UPSAMPLING, M3DepthConfig
 from m3depth.network.model import M3Depth
+from m3depth.weights import SHIPPED_WEIGHTS
 
 TINY = replace(SMALL, wavelet_levels=(2, 1))
 
@@ -54,6 +55,15 @@ def test_parity_measures_the_difference_of_another_network(exported) -> None:
     with torch.no_grad():
         model.aggregation.score.mul_(1.5)
     assert parity(model, exported, SIZES[:1])["mean_px"] > 1e-2
+
+
+def test_the_word_shipped_names_the_shipped_weights(tmp_path, monkeypatch) -> None:
+    loaded: list[Path] = []
+    monkeypatch.setattr(M3Depth, "from_pretrained", lambda path=None: loaded.append(path) or 1 / 0)
+    for words in ([], ["--weights", "shipped"]):
+        with pytest.raises(ZeroDivisionError):
+            main([*words, "--out", str(tmp_path / "mine.onnx")])
+    assert loaded == [SHIPPED_WEIGHTS, SHIPPED_WEIGHTS]
 
 
 def test_the_shipped_weights_export_and_free_sizes_are_declared() -> None:

@@ -54,6 +54,14 @@ def options(pair, tmp_path, **changes) -> PredictOptions:
     return PredictOptions(tuple(pair), **{"focal": 80.0, "baseline": 0.2, "out": tmp_path / "out", **changes})
 
 
+def test_the_word_shipped_is_the_method_without_the_flag(pair, tmp_path):
+    named = options(pair, tmp_path, weights=Path("shipped"))
+    assert one_pair.method_name(named)[0] == one_pair.method_name(options(pair, tmp_path))[0] == "m3depth"
+    assert (
+        one_pair.method_name(options(pair, tmp_path, weights=Path("mine.safetensors")))[0] == "m3depth:mine.safetensors"
+    )
+
+
 def test_every_file_is_written_and_reads_back(pair, tmp_path, capsys):
     predict(options(pair, tmp_path), Wall())
     out = tmp_path / "out"

@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from m3depth.estimator import CLASSICAL, M3DEPTH, Estimator, EstimatorName, distinct_labels, load_estimator
+from m3depth.estimator import (
+    CLASSICAL,
+    M3DEPTH,
+    Estimator,
+    EstimatorName,
+    distinct_labels,
+    load_estimator,
+    name_with_weights,
+)
 from m3depth.evaluation.command.options import EvaluateOptions
 from m3depth.evaluation.scoring import RESERVED
 from m3depth.holes import FilledEstimator, UnfilledEstimator
@@ -66,7 +74,7 @@ def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, Estimator
         raise ValueError("--baselines none excludes other names: give none, or the names")
     classical = CLASSICAL if "all" in options.baselines else options.baselines
     texts = [
-        *(("--weights", f"{M3DEPTH}:{path}") for path in options.weights),
+        *(("--weights", name_with_weights(path)) for path in options.weights),
         *([] if options.weights else [("--weights", M3DEPTH)]),
         *(("--baselines", name) for name in classical if name != "none"),
     ]

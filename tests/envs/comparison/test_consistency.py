@@ -38,7 +38,7 @@ def by_network(content):
         (changed("config", "align_rows", to=False), "config.align_rows must be true, as small-v1 fixes it, got false"),
         (changed("config", "k", to=[0.01]), "config.k must be [], as small-v1 fixes it, got [0.01]"),
         (changed("config", "seed", to=9), "config.seed must be 5, as small-v1 fixes it, got 9"),
-        (changed("config", "eyes", "lens_dust", to=0.5), "config.lens_dust must be 0.0, as small-v1 fixes it, got 0.5"),
+        (changed("config", "eyes", "lens_dust", to=0.5), "config.eyes.lens_dust must be 0.0, as small-v1 fixes it"),
         (changed("config", "condition", to=["clear"]), 'config.condition must be ["clear", "rare_looks"], as the '),
         (changed("config", "driver", to=["navigator"]), 'config.driver must be ["straight", "random"], as the suite'),
         (changed("config", "shard", to="1/2"), 'config.shard must be null, as the suite and the episodes in the'),
@@ -57,7 +57,7 @@ def by_network(content):
         (changed("differences", 0, "difference", to=0.7), "differences[0].difference must be "),
         (changed("differences", 0, "less", to=["random", "sgbm"]), 'differences[0].less must be ["straight", "ground_'),
         (changed("versions", to={}), "versions has no mars-m3depth"),
-        (lambda c: c.pop("versions"), "the file has no versions"),
+        (lambda c: c.pop("versions"), "the file has no versions, which envs.evaluate writes"),
         (lambda c: c.pop("code"), "the file has no code"),
         (changed("code", to={"abc": 8}), "code must be {"),
         (changed("code", to={"abc": 0}), "code.abc must be at least 1, got 0"),
@@ -80,6 +80,7 @@ def test_settings_and_figures_may_be_left_out_and_intervals_may_be_of_another_re
     content = json.loads((suite_run / "results.json").read_text())
     del content["config"]["yaw_drift_deg"], content["driven_with"]["seed"], content["results"][0]["slip"]
     content["config"]["of_a_later_release"] = 3
+    content["config"]["driver"].reverse()
     content["differences"][0].update(interval=[-1, 1], spl_interval=[-1, 1])
     path = tmp_path / "results.json"
     path.write_text(json.dumps(content))
@@ -92,6 +93,6 @@ def test_settings_and_figures_may_be_left_out_and_intervals_may_be_of_another_re
 
 def test_the_published_results_are_accepted():
     """But for the one that was driven with an earlier state of the suite."""
-    files = sorted(RECORDS.glob("*.json"))
+    files = sorted(file for file in RECORDS.glob("*.json") if not file.name.startswith("submitted-"))
     read = [read_results(file) for file in files if file.name != "dev-ground_truth-sgbm.json"]
     assert len(read) == 181 and sum(len(of_method) for file in read for of_method in file.episodes.values()) > 1120
