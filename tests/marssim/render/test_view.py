@@ -102,7 +102,7 @@ def test_the_renderers_render_the_same_view(scene):
     [
         ({"x": 17.0}, "x=17, y=0 is outside the scene, which reaches 16 m each way"),
         ({"sun_elevation_deg": 0.0}, "sun_elevation_deg must be above 0"),
-        ({"sun_elevation_deg": 91.0}, "sun_elevation_deg must be a range"),
+        ({"sun_elevation_deg": 91.0}, "sun_elevation_deg must be within 0 and 90, got 91"),
         ({"renderer": "scam"}, "renderer 'scam' is unknown"),
     ],
 )
