@@ -408,6 +408,12 @@ def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
         assert cells == texts
 
 
+@pytest.mark.parametrize("k", ["033", "15"])
+def test_the_drives_over_smooth_dust_are_those_of_their_file(method_drives, k: str) -> None:
+    drives = method_drives.read_drives(ROOT / "drives" / f"smooth_dust_k{k}.jsonl")
+    assert method_drives.drives_table(drives, ("m3depth", "release_0.1", "sgbm")) in (ROOT / "drives.md").read_text()
+
+
 def test_the_drives_of_the_methods_are_those_of_their_file(method_drives) -> None:
     drives = method_drives.read_drives(ROOT / "methods" / "gale.jsonl")
     table = method_drives.drives_table(drives, method_drives.Options(Path("gale.jsonl")).order)
