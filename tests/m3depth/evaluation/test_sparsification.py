@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from m3depth.evaluation.sparsification import DROPPED, ConfidenceHistograms
+from m3depth.evaluation.sparsification import BINS, DROPPED, LOGIT, ConfidenceHistograms
 
 
 def brute_force(order: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -43,10 +43,14 @@ def test_the_curve_is_that_of_sorted_pixels(seed):
     hnp.arrays(np.float32, 50, elements=st.floats(0, 1, width=32), fill=st.nothing()),
     hnp.arrays(np.float64, 50, elements=st.floats(0, 200), fill=st.nothing()),
 )
+@example(np.array([0.0, 1e-45] * 25, np.float32), np.ones(50))
+@example(np.full(50, 0.3, np.float32), np.ones(50))
 def test_nothing_lies_below_the_oracle(confidence, error):
     figures = curves(confidence, error)
     if not figures:
-        assert confidence.min() == confidence.max()
+        with np.errstate(divide="ignore"):
+            logit = np.clip(np.log(confidence / (1 - confidence.astype(float))), -LOGIT, LOGIT)
+        assert np.ptp(logit) < 2 * LOGIT / BINS  # as of 0 and 1e-45, which share a bin
         return
     slack = 1e-6 + 0.02 * np.array(figures["epe"])  # width of the oracle's bins
     assert (np.array(figures["epe"]) >= np.array(figures["oracle_epe"]) - slack).all()
