@@ -5,7 +5,8 @@
 
 FOLDERS are those of envs.evaluate, whole or of shards; their drives are added to the file. A drive that the file holds
 already is left as it is. The table is printed as Markdown: it has the courses that all perceptions have driven, and
-differences to the first of --order.
+differences to the first of --order. Where the courses are of several k or slopes, each has rows of its own, and the
+last rows are of all.
 """
 
 from __future__ import annotations
@@ -91,15 +92,14 @@ def _key(drive: EpisodeRecord) -> tuple[str, str, str, int]:
 
 
 def check_comparable(file: Path, drives: Sequence[EpisodeRecord]) -> None:
-    """Raise DatasetError if drives are of several drivers or cells, or of two perceptions with one name (name_of).
+    """Raise DatasetError if drives are of several drivers, or of two perceptions with one name (name_of).
 
     Args:
         file: The file that the drives are for, which the message names.
         drives: The drives.
     """
-    for what, names in (("driver", {d.driver for d in drives}), ("cell", {d.cell for d in drives})):
-        if len(names) > 1:
-            raise DatasetError(f"--file {file}: can hold the drives of one {what}, not of {', '.join(sorted(names))}")
+    if len(drivers := {drive.driver for drive in drives}) > 1:
+        raise DatasetError(f"--file {file}: can hold the drives of one driver, not of {', '.join(sorted(drivers))}")
     perceptions: dict[str, str] = {}
     for drive in drives:
         other = perceptions.setdefault(name_of(drive.perception), drive.perception)
@@ -110,6 +110,9 @@ def check_comparable(file: Path, drives: Sequence[EpisodeRecord]) -> None:
 def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
     """Return a Markdown table of the perceptions over the courses that all have driven.
 
+    Where they are of several cells, each cell has its rows, and "all" has those of all cells. Intervals of "all" take
+    the courses of one number in all cells for one (paired_difference).
+
     Args:
         drives: The drives, which check_comparable has passed.
         order: Names of perceptions (name_of) in the order of the rows; differences are to the first.
@@ -117,24 +120,40 @@ def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
     Raises:
         ValueError: A perception is missing, or there is no course that all have driven.
     """
-    by_name: dict[str, dict[int, EpisodeRecord]] = {}
+    by_name: dict[str, dict[tuple[str, int], EpisodeRecord]] = {}
     for drive in drives:
-        by_name.setdefault(name_of(drive.perception), {})[drive.episode] = drive
+        by_name.setdefault(name_of(drive.perception), {})[drive.cell, drive.episode] = drive
     if missing := [name for name in order if name not in by_name]:
         raise ValueError(f"order must name perceptions of the file, {', '.join(by_name)}, got {', '.join(missing)}")
     shared = sorted(set.intersection(*(set(by_name[name]) for name in order)))
     if not shared:
         raise ValueError("order must name perceptions that have driven the same course")
-    first = [by_name[order[0]][course] for course in shared]
-    lines = [
+    head = (
         "| perception | goals reached, SPL | what ended the others | Abs Rel on the way | rocks missed [%] | "
-        f"success, less `{order[0]}` [points] | SPL, less `{order[0]}` |",
-        "|---|---|---|---|---|---|---|",
-    ]
+        f"success, less `{order[0]}` [points] | SPL, less `{order[0]}` |"
+    )
+    blocks = {cell: [course for course in shared if course[0] == cell] for cell, _ in shared}
+    if len(blocks) == 1:
+        lines = [head, "|---|---|---|---|---|---|---|", *_rows(by_name, order, shared)]
+    else:
+        lines = ["| courses " + head, "|---|---|---|---|---|---|---|---|"]
+        for cell, courses in {**blocks, "all": shared}.items():
+            lines += [f"| {cell} {row}" for row in _rows(by_name, order, courses)]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(
+    by_name: Mapping[str, Mapping[tuple[str, int], EpisodeRecord]],
+    order: Sequence[str],
+    courses: Sequence[tuple[str, int]],
+) -> list[str]:
+    """Return the rows of the perceptions over these courses."""
+    first = [by_name[order[0]][course] for course in courses]
+    lines = []
     for name in order:
-        of_method = [by_name[name][course] for course in shared]
+        of_method = [by_name[name][course] for course in courses]
         row = summarise(of_method)
-        reached = f"{round(row['success_rate'] * len(shared))} of {len(shared)}, {_short(row['spl'])}"
+        reached = f"{round(row['success_rate'] * len(courses))} of {len(courses)}, {_short(row['spl'])}"
         ended = Counter(drive.outcome.replace("_", " ") for drive in of_method if drive.outcome != "goal")
         others = ", ".join(f"{count} {outcome}" for outcome, count in sorted(ended.items())) or "-"
         error = "-" if row["abs_rel"] is None else f"{row['abs_rel']:.3f}".removeprefix("0")
@@ -142,7 +161,7 @@ def drives_table(drives: Sequence[EpisodeRecord], order: Sequence[str]) -> str:
         missed = f"{100 * sum(drive.rocks_missed or 0 for drive in of_method) / rocks:.1f}" if rocks else "-"
         less = ("-", "-") if name == order[0] else _less(paired_difference(of_method, first))
         lines.append(f"| {name} | {reached} | {others} | {error} | {missed} | {' | '.join(less)} |")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _less(difference: Mapping[str, object]) -> tuple[str, str]:

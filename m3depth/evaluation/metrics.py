@@ -36,7 +36,8 @@ POOR_TEXTURE = 2.5  # [grey levels] standard deviation in 9 x 9 px below which a
 
 # Terms of depth_terms and normal_terms, in order; their means are the figures.
 DEPTH_TERMS = (
-    "abs_rel", "sq_rel", "rmse", "log10", "delta1", "delta2", "delta3", "mae", "epe", "bad1", "bad3", "density",
+    "abs_rel", "sq_rel", "rmse", "log10", "delta1", "delta2", "delta3", "mae", "epe", "bad1", "bad2", "bad3", "d1",
+    "density",
 )  # fmt: skip
 NORMAL_TERMS = ("mean", "rmse", "within_11.25", "within_22.5", "within_30")
 
@@ -95,17 +96,20 @@ def depth_terms(
 
     Returns:
         (N, len(DEPTH_TERMS)) float64; the mean of a column is the figure (of RMSE: its square). Depth terms are in
-        metres or ratios, epe in px; bad1 and bad3 count disparities off by more than 1 and 3 px.
+        metres or ratios, epe in px; bad1, bad2 and bad3 count disparities off by more than 1, 2 and 3 px, d1 those off
+        by more than 3 px and by more than 5 % of the true disparity (D1 of KITTI 2015, Menze and Geiger 2015).
     """
     predicted, true = capped_depth(depth), capped_depth(true_depth)
     error = np.abs(predicted - true)
     ratio = np.maximum(predicted / true, true / predicted)
     guess = np.where(np.isfinite(disparity), disparity, 0).astype(np.float64)
     off = np.abs(guess - true_disparity)
+    is_d1 = (off > 3) & (off > 0.05 * np.abs(true_disparity))
     return np.stack(
         [
             error / true, error**2 / true, error**2, np.abs(np.log10(predicted / true)),
-            ratio < 1.25, ratio < 1.25**2, ratio < 1.25**3, error, off, off > 1, off > 3, has_depth(depth),
+            ratio < 1.25, ratio < 1.25**2, ratio < 1.25**3, error, off, off > 1, off > 2, off > 3, is_d1,
+            has_depth(depth),
         ],
         axis=-1,
     )  # fmt: skip

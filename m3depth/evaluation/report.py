@@ -18,6 +18,7 @@ DEPTH_COLUMNS = {
     "abs_rel": "Abs Rel ↓", "sq_rel": "Sq Rel ↓", "rmse": "RMSE [m] ↓", "log10": "log10 ↓",
     "delta1": "δ1 ↑", "delta2": "δ2 ↑", "delta3": "δ3 ↑", "epe": "EPE [px] ↓", "bad1": "bad-1 ↓",
 }  # fmt: skip
+OUTLIER_COLUMNS = {"bad2": "bad-2 ↓", "bad3": "bad-3 ↓", "d1": "D1 ↓"}  # of results.md alone
 NORMAL_COLUMNS = {
     "mean": "mean [°] ↓", "median": "median [°] ↓", "rmse": "RMSE [°] ↓",
     "within_11.25": "11.25° ↑", "within_22.5": "22.5° ↑", "within_30": "30° ↑",
@@ -99,11 +100,11 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     for key, title in (("per_image", "mean over images"), ("pooled", "pooled over all pixels")):
         lines += ["", f"## Depth, {title}", ""]
         lines += table(
-            ["method", *DEPTH_COLUMNS.values(), "density", "s/pair", "MiB"],
+            ["method", *DEPTH_COLUMNS.values(), *OUTLIER_COLUMNS.values(), "density", "s/pair", "MiB"],
             [
                 [
                     name,
-                    *_figures(r["depth"]["all"][key], [*DEPTH_COLUMNS, "density"]),
+                    *_figures(r["depth"]["all"][key], [*DEPTH_COLUMNS, *OUTLIER_COLUMNS, "density"]),
                     _seconds(r, 3),
                     _memory(r),
                 ]

@@ -8,6 +8,7 @@ from types import ModuleType
 import pytest
 
 from envs.drives.episodes import EpisodeRecord
+from envs.drives.metrics import paired_difference
 from marssim.base.files.json_file import DatasetError
 
 DRIVE = EpisodeRecord(
@@ -52,6 +53,21 @@ def test_only_courses_that_all_have_driven_are_compared(method_drives: ModuleTyp
     assert row.startswith("| sgbm | 3 of 5, .48 | 2 time | .020 | 12.5 | -40 (") and row.count("to") == 2
 
 
+def test_each_cell_has_its_rows_and_all_together_have_the_last(method_drives: ModuleType) -> None:
+    lite = [replace(DRIVE, perception=LITE, episode=n, cell=cell) for cell in ("k=0.15", "k=0.2") for n in range(5)]
+    sgbm = [replace(drive, perception="sgbm", outcome="time" if drive.cell == "k=0.2" else "goal") for drive in lite]
+    head, _, *rows = method_drives.drives_table([*lite, *sgbm[:-1]], ["lite", "sgbm"]).splitlines()
+    assert head.startswith("| courses | perception | goals reached, SPL |")
+    assert [row.split(" | ")[:3] for row in rows] == [
+        ["| k=0.15", "lite", "5 of 5, .80"], ["| k=0.15", "sgbm", "5 of 5, .80"],
+        ["| k=0.2", "lite", "4 of 4, .80"], ["| k=0.2", "sgbm", "0 of 4, .00"],
+        ["| all", "lite", "9 of 9, .80"], ["| all", "sgbm", "5 of 9, .44"],
+    ]  # fmt: skip
+    paired = paired_difference(sgbm[:-1], lite[:-1])
+    low, high = (f"{100 * end:+.0f}" for end in paired["interval"])
+    assert f"| -44 ({low} to {high}) |" in rows[-1] and paired["courses"] == 5
+
+
 def test_mistakes_are_one_line(tmp_path, method_drives: ModuleType, capsys) -> None:
     file, empty = tmp_path / "drives.jsonl", tmp_path / "empty"
     empty.mkdir()
@@ -74,7 +90,6 @@ def test_drives_that_cannot_be_compared_leave_the_file_as_it_is(tmp_path, method
     for number, (change, message) in enumerate(
         (
             ({"driver": "straight"}, f"--file {file}: can hold the drives of one driver, not of navigator, straight"),
-            ({"cell": "k=0.2"}, f"--file {file}: can hold the drives of one cell, not of k=0.15, slope=0, k=0.2"),
             ({"perception": other}, f"--file {file}: both {other} and {LITE} would be lite in it"),
         )
     ):

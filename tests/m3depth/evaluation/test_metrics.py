@@ -122,9 +122,16 @@ def test_a_depth_off_by_the_very_factor_of_delta1_is_not_within_it():
 
 
 def test_a_disparity_off_by_the_very_limit_is_not_beyond_it():
-    true, off = np.full(2, 5.0), np.array([1.0, 3.0])
-    terms = named_terms(true, 32 + off, true, np.full(2, 32.0))
-    assert terms["bad1"].tolist() == [0, 1] and terms["bad3"].tolist() == [0, 0]
+    true, off = np.full(3, 5.0), np.array([1.0, 2.0, 3.0])
+    terms = named_terms(true, 32 + off, true, np.full(3, 32.0))
+    shares = [terms[name].tolist() for name in ("bad1", "bad2", "bad3", "d1")]
+    assert shares == [[0, 1, 1], [0, 0, 1], [0, 0, 0], [0, 0, 0]]
+
+
+@pytest.mark.parametrize(("true", "off", "is_d1"), [(32, 3.01, 1), (100, 4.99, 0), (100, -5.01, 1), (20, 2.9, 0)])
+def test_d1_counts_what_is_off_by_over_3_px_and_over_5_percent(true: float, off: float, is_d1: int) -> None:
+    depth, disparity = np.array([5.0]), np.array([float(true)])
+    assert named_terms(depth, disparity + off, depth, disparity)["d1"] == is_d1
 
 
 def test_pixels_that_are_not_valid_enter_no_figure():
