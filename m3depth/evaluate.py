@@ -74,9 +74,7 @@ def prepare(options: EvaluateOptions) -> tuple[StereoPairs, dict[str, Method]]:
     result_folder(options).check()
     if finding := depth_misfit(dataset, [index for _, index in chosen_pairs(dataset, options.limit)]):
         print(f"warning: {finding}", file=sys.stderr)
-    methods: dict[str, Method] = {
-        label: loaded(name, flag_name, options) for label, (flag_name, name) in estimators.items()
-    }
+    methods: dict[str, Method] = {**loaded(estimators, options)}
     for text in options.predictions:
         try:
             label, recorded = RecordedPredictions.parse(text)
@@ -134,6 +132,7 @@ def run(options: EvaluateOptions, dataset: StereoPairs, methods: Mapping[str, Me
         "estimators": estimators.records,
         "device": estimators.device,
         "runtime": estimators.runtime,
+        "max_pixels": options.max_pixels,
         "degrade": options.degrade,
         "seed": options.seed,
         "align_rows": options.align_rows,
@@ -200,11 +199,11 @@ def _work_without_truth(options: EvaluateOptions) -> None:
     folder = result_folder(options)
     estimators = scored_estimators(options)
     folder.check()
-    methods = {label: loaded(name, flag_name, options) for label, (flag_name, name) in estimators.columns.items()}
+    methods = loaded(estimators.columns, options)
     saved_state = SavedState(options.out, dependencies_without_truth(options, pairs, estimators))
     about = {
         "data": str(options.data), "pairs": len(pairs), "estimators": estimators.records, "runtime": estimators.runtime,
-        "align_rows": options.align_rows, "versions": versions(),
+        "max_pixels": options.max_pixels, "align_rows": options.align_rows, "versions": versions(),
     }  # fmt: skip
     with folder.claim():
         score_without_truth(pairs, methods, options.out, about, saved_state, options.align_rows)

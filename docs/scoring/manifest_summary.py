@@ -241,11 +241,13 @@ def markdown(content: Mapping[str, Any]) -> str:
     """Return the tables of a summary.
 
     Args:
-        content: What `summary` returned, with limit, weights, runtime and versions.
+        content: What `summary` returned, with limit, max_pixels, weights, runtime and versions.
     """
     limit = content["limit"]
+    most = content.get("max_pixels")
+    fewer = "" if most is None else f" Networks worked on at most {most} pixels of an image for the scores of depth."
     trial = "" if limit is None else f" **A trial: at most {counted(limit, 'pair')} of each place.**"
-    lines = [f"# {_title(content['parts'])}", "", " ".join((__doc__ or "").split("\n\n")[1].split()) + trial]
+    lines = [f"# {_title(content['parts'])}", "", " ".join((__doc__ or "").split("\n\n")[1].split()) + fewer + trial]
     for size, by_set in content["parts"].items():
         for name, part in by_set.items():
             lines += [

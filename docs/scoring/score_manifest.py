@@ -62,6 +62,9 @@ class Options:
     """Further methods whose depth is scored, as --estimator of m3depth.evaluate names them."""
     map: bool = True
     """Whether the navigator's map is scored as well as the depth, which takes longer than the depth."""
+    max_pixels: int | None = None
+    """Largest number of pixels of an image that networks work on for the scores of depth, as --max-pixels of
+    m3depth.evaluate; without it, all. The navigator's map has all."""
     limit: int | None = None
     """Most pairs of each size, set and place, for a trial: the first ones. --data must not hold more of them. Without
     it, all."""
@@ -184,6 +187,7 @@ def score(part: Part, dataset: StereoDataset, options: Options, weights: Mapping
     common += ["--runtime", options.runtime]
     methods = [f"m3depth:{path}" for path in weights["map"]]
     further = ["--estimator", *options.estimator] if options.estimator else []
+    further += ["--max-pixels", str(options.max_pixels)] if options.max_pixels else []
     estimators = [EstimatorName.parse(text, "--estimator", labelled=True, fillable=True) for text in options.estimator]
     commands = {
         "depth": (
@@ -252,7 +256,7 @@ def work(options: Options) -> None:
         for part in parts
     ]  # fmt: skip
     content = {
-        "limit": options.limit, "weights": [*map(str, options.weights)],
+        "limit": options.limit, "max_pixels": options.max_pixels, "weights": [*map(str, options.weights)],
         "runtime": joined_runtimes(result[kind]["runtime"] for result in results for kind in kinds),
         "versions": versions(), **summary(results),
     }  # fmt: skip

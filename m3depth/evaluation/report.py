@@ -10,6 +10,7 @@ from m3depth.evaluation.metrics import DEPTH_CAP, KINDS
 from m3depth.evaluation.rock_scores import HIGH_AND_NEAR, OBSTACLE
 from m3depth.evaluation.running_sums import NEAR_GROUND
 from m3depth.runtimes.choice import runtime_sentence
+from marssim.base.command.wording import counted
 from marssim.base.files.markdown import in_table
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -73,11 +74,18 @@ def text_table(results: Results) -> str:
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in [header, *rows])
 
 
+def on_fewer_pixels(about: Mapping[str, Any]) -> str:
+    """Return what a report says of max_pixels, which results may not have: nothing where it is not given."""
+    most = about.get("max_pixels")
+    return "" if most is None else f", by networks on at most {most} pixels of an image"
+
+
 def markdown_report(about: Mapping[str, Any], results: Results, true_depth_normals: Mapping[str, Any]) -> str:
     """Return the whole report as Markdown.
 
     Args:
-        about: data, split, pairs, weights, degrade, align_rows, depth_range_m, max_disparity_px, runtime and versions.
+        about: data, split, pairs, weights, max_pixels, degrade, align_rows, depth_range_m, max_disparity_px, runtime
+            and versions.
         results: Evaluation.results.
         true_depth_normals: Figures of the normals of planes fitted to the true depth, by kind of pixel.
     """
@@ -88,8 +96,9 @@ def markdown_report(about: Mapping[str, Any], results: Results, true_depth_norma
     lines = [
         "# Evaluation",
         "",
-        f"{about['pairs']} pairs, split {about['split']} of `{about['data']}`{degrade}{aligned}. Weights: "
-        f"{about['weights']}.",
+        f"{counted(about['pairs'], 'pair')}, split {about['split']} of `{about['data']}`{degrade}{aligned}"
+        f"{on_fewer_pixels(about)}. "
+        f"Weights: {about['weights']}.",
         "",
         *recorded,
         f"Scored: every pixel of {depth_range_text(about['depth_range_m'])} and at most "

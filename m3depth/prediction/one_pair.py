@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from m3depth.estimator import Estimator, EstimatorName, load_estimator, name_with_weights
-from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import given_back, nearest_without
 from m3depth.prediction.left_right import AGREEMENT, left_right_difference
 from m3depth.prediction.masks import read_valid, unknown_where, unmeasured, without_sky_normals
@@ -23,6 +22,7 @@ from m3depth.runtimes.choice import recorded_runtime
 from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.prediction import Prediction, StepMap
 from m3depth.stereo.rows import RowFit
+from m3depth.wrapped_estimators import takes_setting
 from marssim.base.calibration.rectified import Calibration
 from marssim.base.camera import StereoRig
 

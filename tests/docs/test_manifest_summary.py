@@ -128,7 +128,7 @@ def test_the_tables_show_every_figure_and_say_that_a_trial_is_one(manifest_summa
     pairs = {f"0000{i}/00": (record(0.01 + i / 200, rocks=[ROCK]), record(0.04)) for i in range(4)}
     content = manifest_summary.summary([result("512", pairs), result("1024", pairs)])
     text = manifest_summary.markdown(
-        {"limit": 2, "runtime": "openvino 1", "versions": {"torch": "2", "numpy": None}, **content}
+        {"limit": 2, "max_pixels": 4096, "runtime": "openvino 1", "versions": {"torch": "2", "numpy": None}, **content}
     )
     assert text.startswith("# Scores on the manifest: clean pairs of 512 and 1024 px\n")
     for term in (*manifest_summary.PIXELS.values(), *manifest_summary.ROCKS.values()):
@@ -138,9 +138,10 @@ def test_the_tables_show_every_figure_and_say_that_a_trial_is_one(manifest_summa
     assert f"| … over SGBM's | 0.4375 ({low / 0.04:.4f} to {high / 0.04:.4f}) |  |" in text
     assert "| rocks, 0.2 to 0.3 m, 4 to 8 m away | 4 of 4 | 0 of 0 |" in text
     assert "at the smallest size: M3Depth 1.000, SGBM 1.000." in text
-    assert "**A trial: at most 2 pairs of each place.**" in text and text.endswith(
-        "\nNetworks ran in openvino 1. torch 2.\n"
+    assert (
+        "at most 4096 pixels of an image for the scores of depth. **A trial: at most 2 pairs of each place.**" in text
     )
+    assert text.endswith("\nNetworks ran in openvino 1. torch 2.\n")
 
 
 def test_a_method_that_gets_the_true_depth_is_marked(manifest_summary):

@@ -144,7 +144,7 @@ def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manife
     calls = {}
     monkeypatch.setattr(score_manifest, "evaluate", lambda flags: calls.update(depth=flags) or 0)
     monkeypatch.setattr(score_manifest, "count_rocks", lambda flags: calls.update(map=flags) or 0)
-    options = score_manifest.Options(tmp_path, tmp_path / "out", tuple(paths.values()))
+    options = score_manifest.Options(tmp_path, tmp_path / "out", tuple(paths.values()), max_pixels=4096)
     part = score_manifest.Part("64", "clean", "utopia", "clean", 2, (), (), None)
     for kind in ("depth", "map"):
         part.scores(options.out, kind).mkdir(parents=True)
@@ -153,6 +153,7 @@ def test_weights_that_need_the_true_depth_are_not_scored_in_the_map(score_manife
     )
     assert [str(path) in calls["depth"] for path in paths.values()] == [True, True]
     assert [f"m3depth:{path}" in calls["map"] for path in paths.values()] == [True, False]
+    assert ["--max-pixels" in flags for flags in (calls["depth"], calls["map"])] == [True, False]
 
 
 def test_a_method_whose_file_has_changed_is_scored_again(score_manifest, tmp_path, monkeypatch):

@@ -12,11 +12,11 @@ from small_rivals import TINY
 
 from m3depth.checked_inference import checked_prediction
 from m3depth.estimator import Estimator, EstimatorName, distinct_labels, load_estimator
-from m3depth.holes import UnfilledEstimator
 from m3depth.kinds.networks import new_network
 from m3depth.predict import main as predict_command
 from m3depth.stereo.classical import SGBM, BlockMatching
 from m3depth.weights import SHIPPED_WEIGHTS
+from m3depth.wrapped_estimators import UnfilledEstimator
 
 
 class NoEstimator:

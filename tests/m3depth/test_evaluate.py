@@ -209,6 +209,8 @@ def test_command_writes_tables_and_figures(folder, tmp_path, capsys):
         ({"--seed": "-1", "--degrade": "noise=2"}, "--seed must not be negative, got -1"),
         ({"--degrade": "fog=1"}, "error: --degrade: unknown field 'fog'"),
         ({"--degrade": "blur=x"}, "blur must be a number, got 'x'"),
+        ({"--max-pixels": "2047"}, "--max-pixels must be at least 2048, got 2047"),
+        ({"--max-pixels": "4096"}, "--max-pixels: no method that is scored takes such a setting; leave it out"),
         ({"--estimator": "raft"}, "--estimator 'raft' is unknown; choose from m3depth, sgbm, m3depth:WEIGHTS"),
         ({"--estimator": "m3depth:none.safetensors"}, "--estimator none.safetensors: no such weights file; give a"),
         ({"--estimator": "m3depth.stereo.classical:Nothing"}, "has no class 'Nothing'"),
@@ -473,6 +475,26 @@ def test_the_word_shipped_names_the_shipped_weights_beside_others(tmp_path):
     options = EvaluateOptions(tmp_path, tmp_path, weights=weights, baselines=())
     names = named_estimators(options)
     assert list(names) == ["M3Depth", "mine"] and names["M3Depth"][1].weights == SHIPPED_WEIGHTS
+
+
+def test_networks_work_on_fewer_pixels_and_the_results_say_so(folder, tmp_path, monkeypatch, capsys) -> None:
+    taken = []
+
+    class Takes(Scaled):
+        def infer(self, left, right, rig, max_pixels=None):
+            taken.append(max_pixels)
+            return super().infer(left, right, rig)
+
+    given = {"m3depth": Takes(1.0), "sgbm": Scaled(1.1)}
+    monkeypatch.setattr(f"{METHODS}.load_estimator", lambda name, *_, **__: given[name])
+    monkeypatch.setattr("m3depth.figures.evaluation.draw_evaluation", lambda *_: None)
+    out = tmp_path / "out"
+    assert main(["--data", str(folder), "--out", str(out), "--limit", "1", "--max-pixels", "4096"]) == 0
+    assert taken == [4096, 4096]  # the first call of a method is made twice
+    results = json.loads((out / "results.json").read_text())
+    assert results["max_pixels"] == 4096 and list(results["methods"]) == ["M3Depth", "SGBM"]
+    assert "1 pair, split test" in (report := (out / "results.md").read_text())
+    assert ", by networks on at most 4096 pixels of an image. Weights: shipped." in report
 
 
 def test_none_and_a_classical_method_exclude_each_other(folder, tmp_path, capsys, monkeypatch):

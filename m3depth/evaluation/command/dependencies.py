@@ -62,6 +62,7 @@ def _common(options: EvaluateOptions, state_of_data: str, estimators: ScoredEsti
         "--device": estimators.device,
         "--runtime": estimators.runtime,
         **estimators.by_flag(),
+        "--max-pixels": options.max_pixels,
         "--align-rows": options.align_rows,
         **reader,
         "state of the code": source_digest(("marssim", "m3depth")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +17,9 @@ from m3depth.estimator import (
 )
 from m3depth.evaluation.command.options import EvaluateOptions
 from m3depth.evaluation.scoring import RESERVED
-from m3depth.holes import FilledEstimator, UnfilledEstimator
 from m3depth.network.device import chosen_device
 from m3depth.runtimes.choice import recorded_runtime
+from m3depth.wrapped_estimators import FilledEstimator, ReducedEstimator, UnfilledEstimator, takes_setting
 
 
 @dataclass(frozen=True)
@@ -94,15 +95,30 @@ def named_estimators(options: EvaluateOptions) -> dict[str, tuple[str, Estimator
     return columns
 
 
-def loaded(name: EstimatorName, flag_name: str, options: EvaluateOptions) -> Estimator:
-    """Load an estimator, which fills unknown pixels, or leaves them unknown, where its name says so.
+def loaded(columns: Mapping[str, tuple[str, EstimatorName]], options: EvaluateOptions) -> dict[str, Estimator]:
+    """Load the estimators, by the name of their column.
+
+    They fill unknown pixels, or leave them unknown, where their names say so. Those that take max_pixels work on as
+    many as --max-pixels says.
 
     Args:
-        name: Its name.
-        flag_name: The flag that gave the name, for the message.
-        options: Hold the device and the runtime.
+        columns: Their names, each with its flag, of named_estimators.
+        options: Hold the device, the runtime and max_pixels.
+
+    Raises:
+        ValueError: An estimator cannot be used, or none takes max_pixels though it is given.
+        OSError: A file is missing or cannot be read.
     """
+    estimators = {label: _loaded(name, flag_name, options) for label, (flag_name, name) in columns.items()}
+    if options.max_pixels is not None and not any(takes_setting(e, "max_pixels") for e in estimators.values()):
+        raise ValueError("--max-pixels: no method that is scored takes such a setting; leave it out")
+    return estimators
+
+
+def _loaded(name: EstimatorName, flag_name: str, options: EvaluateOptions) -> Estimator:
     estimator = load_estimator(name.name, flag_name, device=options.device, runtime=options.runtime)
+    if options.max_pixels is not None and takes_setting(estimator, "max_pixels"):
+        estimator = ReducedEstimator(estimator, options.max_pixels)
     if name.holes == "unfilled":
         return UnfilledEstimator(estimator)
     return FilledEstimator(estimator) if name.holes == "fill" else estimator

@@ -14,7 +14,7 @@ from m3depth.evaluation.recorded_maps import FORM
 from m3depth.evaluation.scoring import check_choice
 from m3depth.network.device import DeviceName
 from m3depth.runtimes.choice import RuntimeChoice
-from m3depth.stereo.pairs import MAX_DISPARITY
+from m3depth.stereo.pairs import LEAST_PIXELS, MAX_DISPARITY
 
 Baseline = Literal[Classical, "mccnn", "all", "none"]
 
@@ -56,6 +56,9 @@ class EvaluateOptions:
     runtime: RuntimeChoice = "auto"
     """Program that runs M3Depth: pytorch; openvino, on the CPU, with the extra `fast`; or auto, which is openvino if it
     is installed and the device is the CPU, and else pytorch."""
+    max_pixels: int | None = None
+    """Largest number of pixels of an image, 2048 or more, that a network works on, for M3Depth and classes whose infer
+    takes it; the other methods work on all. The maps have the images' size, and their errors are in its pixels."""
     limit: int | None = None
     """Number of pairs to score, 1 or more, spread evenly over the split. Without it, all are scored."""
     degrade: str | None = None
@@ -77,3 +80,5 @@ class EvaluateOptions:
         check_choice(self.limit, self.seed)
         if not self.max_disparity > 0:
             raise ValueError(f"max_disparity must be positive, got {self.max_disparity}")
+        if self.max_pixels is not None and self.max_pixels < LEAST_PIXELS:
+            raise ValueError(f"max_pixels must be at least {LEAST_PIXELS}, got {self.max_pixels}")

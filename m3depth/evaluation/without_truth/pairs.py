@@ -15,7 +15,6 @@ from m3depth.datasets.open import sensors_are_named
 from m3depth.datasets.pair_files import CalibrationReader
 from m3depth.datasets.rigs import FileRig, given_rig
 from m3depth.estimator import Estimator
-from m3depth.holes import takes_setting
 from m3depth.prediction.common_disparity import nearest_without
 from m3depth.prediction.masks import is_valid_mask, read_valid, valid_mask
 from m3depth.prediction.matchable import MatchablePair
@@ -23,6 +22,7 @@ from m3depth.prediction.settings import Infer
 from m3depth.rectification.files import RIG_FILE, rig_beside
 from m3depth.stereo.pairs import NEAREST
 from m3depth.stereo.rows import row_misalignment
+from m3depth.wrapped_estimators import takes_setting
 from marssim.base.files.json_file import DatasetError
 
 

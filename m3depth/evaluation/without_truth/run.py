@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from m3depth.estimator import Estimator
+from m3depth.evaluation.report import on_fewer_pixels
 from m3depth.evaluation.resume import SavedState
 from m3depth.evaluation.without_truth.pairs import ImagePair
 from m3depth.evaluation.without_truth.scoring import means, score_pair, table
@@ -67,7 +68,8 @@ def score_without_truth(
     saved_state.save({"pairs": records})
     results = means(records, list(methods))
     write_json(out / "results.json", {**about, "methods": results, "per_pair": records}, sort_keys=False)
-    parts = [f"# Evaluation without true depth\n\n{counted(len(records), 'pair')} of `{about['data']}`. {RULES}\n"]
+    scored = f"{counted(len(records), 'pair')} of `{about['data']}`{on_fewer_pixels(about)}"
+    parts = [f"# Evaluation without true depth\n\n{scored}. {RULES}\n"]
     parts.append(f"\n![The methods side by side]({FIGURE})\n")
     parts.append(f"\nMeans over the pairs:\n\n{table(results, markdown=True)}\n")
     for name in methods:

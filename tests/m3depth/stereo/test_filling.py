@@ -11,10 +11,10 @@ from hypothesis.extra import numpy as hnp
 
 from m3depth.checked_inference import EstimatorError
 from m3depth.estimator import for_pair, gets_truth
-from m3depth.holes import FilledEstimator, UnfilledEstimator
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.filling import fill_background, filled_prediction
 from m3depth.stereo.prediction import Prediction
+from m3depth.wrapped_estimators import FilledEstimator, UnfilledEstimator
 from marssim.base.camera import PinholeCamera, StereoRig
 
 RIG = StereoRig(PinholeCamera.centred(4, 1, 100.0), 0.27)

@@ -12,9 +12,9 @@ from m3depth.evaluate import main
 from m3depth.evaluation.without_truth import run, scoring
 from m3depth.evaluation.without_truth.pairs import PairImages, image_pairs
 from m3depth.evaluation.without_truth.scoring import means, predictions_of, score_pair, table
-from m3depth.holes import FilledEstimator
 from m3depth.stereo.classical import SGBM
 from m3depth.stereo.prediction import Prediction
+from m3depth.wrapped_estimators import FilledEstimator
 from marssim.base.camera import PinholeCamera, StereoRig
 from marssim.base.files.json_file import DatasetError
 from tests.m3depth.turned_pairs import RIG, slope, slope_disparity

@@ -1,4 +1,4 @@
-"""Estimators whose unknown pixels are filled, or whose filled pixels are unknown, and what such an estimator takes."""
+"""Estimators around another: with its unknown pixels filled, its filled pixels unknown, or on fewer pixels."""
 
 from __future__ import annotations
 
@@ -61,7 +61,36 @@ class UnfilledEstimator:
         )
 
 
+class ReducedEstimator:
+    """An estimator that works on at most so many pixels of an image.
+
+    Args:
+        estimator: The estimator, whose infer takes max_pixels.
+        max_pixels: Largest number of pixels, 2048 or more for M3Depth.
+    """
+
+    def __init__(self, estimator: Estimator, max_pixels: int) -> None:
+        self.estimator, self.max_pixels = estimator, max_pixels
+        self.normals_are_fitted = getattr(estimator, "normals_are_fitted", False)
+        self.takes_truth = gets_truth(estimator)
+
+    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig, **settings: object) -> Prediction:
+        """Return the estimator's maps; arguments as of Estimator.infer, and more of the estimator's own.
+
+        Raises:
+            EstimatorError: As of `inferred`.
+        """
+        return inferred(self.estimator, left, right, rig, max_pixels=self.max_pixels, **settings)
+
+    def with_truth(self, disparity: np.ndarray) -> ReducedEstimator:
+        """Return the estimator for a pair of a known disparity, (H, W) [px]; itself if it takes none."""
+        with_truth = getattr(self.estimator, "with_truth", None)
+        return self if with_truth is None else ReducedEstimator(with_truth(disparity), self.max_pixels)
+
+
 def takes_setting(estimator: Estimator, name: str) -> bool:
     """Return whether a method's infer has an argument, such as nearest, beside the pair."""
-    inner = estimator.estimator if isinstance(estimator, FilledEstimator) else estimator
+    inner = estimator
+    while isinstance(inner, FilledEstimator | ReducedEstimator):
+        inner = inner.estimator
     return name in signature(inner.infer).parameters
