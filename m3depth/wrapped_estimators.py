@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from inspect import signature
+from inspect import Parameter, signature
 
 import numpy as np
 
@@ -89,8 +89,9 @@ class ReducedEstimator:
 
 
 def takes_setting(estimator: Estimator, name: str) -> bool:
-    """Return whether a method's infer has an argument, such as nearest, beside the pair."""
+    """Return whether a method's infer takes an argument beside the pair, such as nearest, by its name or as any."""
     inner = estimator
     while isinstance(inner, FilledEstimator | ReducedEstimator):
         inner = inner.estimator
-    return name in signature(inner.infer).parameters
+    arguments = signature(inner.infer).parameters
+    return name in arguments or any(argument.kind is Parameter.VAR_KEYWORD for argument in arguments.values())

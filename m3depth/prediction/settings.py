@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from inspect import Parameter, signature
 
 import numpy as np
 
 from m3depth.checked_inference import inferred
 from m3depth.estimator import Estimator
 from m3depth.stereo.prediction import Prediction
+from m3depth.wrapped_estimators import takes_setting
 from marssim.base.camera import StereoRig
 
 # A function that predicts for a pair, as Estimator.infer does.
@@ -31,11 +31,8 @@ def with_settings(estimator: Estimator, name: str, **settings: float | None) -> 
         ValueError: The estimator's infer takes no such argument; the message names its flag.
     """
     given = {key: value for key, value in settings.items() if value is not None}
-    infer: Callable[..., object] = estimator.infer
-    arguments = signature(infer).parameters
-    takes_all = any(argument.kind is Parameter.VAR_KEYWORD for argument in arguments.values())
     for key in given:
-        if key not in arguments and not takes_all:
+        if not takes_setting(estimator, key):
             raise ValueError(f"--{key.replace('_', '-')}: --estimator {name} takes no such setting; leave it out")
 
     def run(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:

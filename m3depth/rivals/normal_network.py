@@ -220,7 +220,9 @@ class NormalNetwork(Rival):
         confidence = sky = None
         if self.takes_truth:
             if true_disparity is None:
-                raise ValueError(f"{self.config.KIND} needs the true depth, which only m3depth.evaluate provides")
+                raise ValueError(
+                    f"{self.config.KIND} needs the true depth: score it by m3depth.evaluate, on pairs that have it"
+                )
             disparity = true_disparity.float()
             valid = disparity >= MIN_DISPARITY
         else:
@@ -270,8 +272,15 @@ class TrueDepthEstimator:
         self.disparity = torch.from_numpy(np.where(np.isfinite(disparity), disparity, 0).astype(np.float32))
 
     @torch.inference_mode()
-    def infer(self, left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Prediction:
-        """Return the true depth with the method's normals; arguments as of Estimator.infer."""
+    def infer(
+        self,
+        left: np.ndarray,
+        right: np.ndarray,
+        rig: StereoRig,
+        nearest: float | None = None,
+        max_pixels: int | None = None,
+    ) -> Prediction:
+        """Return the true depth with the method's normals; arguments as of StereoNetwork.infer."""
         device = next(self.network.parameters()).device
         size = padded_rig(rig).camera
 
@@ -282,6 +291,6 @@ class TrueDepthEstimator:
             with autocast(device, fast_dtype(device)):
                 return self.network(left, right, camera, truth)
 
-        prediction = infer_pair(run, self.network.reach, False, device, left, right, rig)
+        prediction = infer_pair(run, self.network.reach, False, device, left, right, rig, nearest, max_pixels)
         true = np.where(self.known, self.disparity.numpy(), np.float32(np.nan))
         return replace(prediction, depth=np.where(self.known, rig.disparity_to_depth(true), true), disparity=true)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 
-import cv2
 import torch
 from torch import Tensor, nn
 
@@ -30,6 +29,7 @@ from m3depth.training.validation import PANELS, Validator
 from marssim.base.command.run import is_out_of_memory
 from marssim.base.command.signals import stop_on_signal
 from marssim.base.compute.free_memory import free_memory
+from marssim.base.compute.one_thread import one_opencv_thread
 from marssim.base.results.claim import PARTIAL, ResultFolder
 
 LOWER_RATE = "; try a lower --lr"  # the end of the message on a training that has diverged
@@ -60,8 +60,11 @@ def train(config: TrainConfig, samples: StereoPairs, held_out: StereoPairs) -> d
     folder.check()
     if not len(samples):
         raise ValueError(f"{data_names(config)}: split train holds no pairs; name another folder with --data")
-    cv2.setNumThreads(1)
-    with joined_group(config.device) as (rank, world, device), entered_by_first(rank, world, folder.claim()):
+    with (
+        one_opencv_thread(),
+        joined_group(config.device) as (rank, world, device),
+        entered_by_first(rank, world, folder.claim()),
+    ):
         config = in_steps(config, len(samples), world)
         run = Run(config, device, world)
         resumed, data = run.resume(), str(state_of_pairs(samples))

@@ -38,6 +38,23 @@ def image_disparity(rig: StereoRig, depth: np.ndarray, rotation: np.ndarray = ID
     return _disparity(read_only(depth, np.float32), read_only(rotation), c.fx, c.fy, c.cx, c.cy, rig.baseline)
 
 
+def vertical_disparity(rig: StereoRig, depth: np.ndarray, rotation: np.ndarray = IDEAL) -> np.ndarray:
+    """Return how much lower than in the left image a point lies in the right one.
+
+    Args:
+        rig: The two cameras.
+        depth: (H, W) float32 [m] of the left image.
+        rotation: (3, 3) frame of the right camera to that of the ideal right camera.
+
+    Returns:
+        (H, W) float32 [px]; 0 where the depth is not finite, and everywhere with the ideal camera.
+    """
+    if np.array_equal(rotation, IDEAL):
+        return np.zeros(depth.shape, np.float32)
+    c = rig.camera
+    return _lower(read_only(depth, np.float32), read_only(rotation), c.fx, c.fy, c.cx, c.cy, rig.baseline)
+
+
 def outside_right(rig: StereoRig, depth: np.ndarray, rotation: np.ndarray = IDEAL) -> np.ndarray:
     """Return the left pixels whose points lie beyond the borders of the right image.
 
@@ -92,6 +109,16 @@ def _disparity(depth, rotation, fx, fy, cx, cy, baseline):
         for u in range(depth.shape[1]):
             if np.isfinite(depth[v, u]):
                 out[v, u] = u - _pixel(u, v, depth[v, u], rotation, fx, fy, cx, cy, baseline)[0]
+    return out
+
+
+@compiled
+def _lower(depth, rotation, fx, fy, cx, cy, baseline):
+    out = np.zeros(depth.shape, dtype=np.float32)
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            if np.isfinite(depth[v, u]):
+                out[v, u] = _pixel(u, v, depth[v, u], rotation, fx, fy, cx, cy, baseline)[1] - v
     return out
 
 

@@ -24,9 +24,10 @@ from marssim.base.command.notes import print_note
 from marssim.base.dataset.dataset import SPLIT_OF_TEN
 from marssim.base.files.json_file import DatasetError
 from marssim.base.version import VERSION
+from marssim.render.detector.compression import LARGEST_JPEG
 from marssim.render.faults import FAULT_SETS, FaultSet, fault_set, fault_view
 from marssim.render.renderers.by_name import FALLBACK_NOTE, RendererName, default_renderer
-from marssim.render.sensor import SensorConfig
+from marssim.render.sensor import LOSSLESS, SensorConfig
 from marssim.scene.place_file import PLACE_VALUES, load_place
 from marssim.scene.presets import PRESETS, preset
 from marssim.scene.scene import SceneConfig
@@ -117,6 +118,11 @@ class GenerateConfig(RunConfig):
         camera = self.rig.camera
         if (focal := min(camera.fx, camera.fy)) < 1:
             raise ValueError(f"`rig.focal`, or fx and fy of a rig file, must be at least 1 px, got {focal}; in metres?")
+        if max(camera.width, camera.height) > LARGEST_JPEG and self.sensor.jpeg_quality[0] < LOSSLESS:
+            raise ValueError(
+                f"`sensor.jpeg_quality` below {LOSSLESS:g}, which --faults may set, needs images of at most "
+                f"{LARGEST_JPEG} px a side, got {camera.width} x {camera.height}"
+            )
         if camera.width * camera.height > MOST_PIXELS:
             raise ValueError(
                 f"`rig.width` times `rig.height`, or those of a rig file, must be at most {MOST_PIXELS} px, "

@@ -177,9 +177,12 @@ def edge_widths(luminance: np.ndarray, most: int = 400) -> np.ndarray:
         return np.zeros(0)
     uphill = np.stack([across[row, column], down[row, column]], axis=1) / np.maximum(steep[row, column], 1e-9)[:, None]
     step = np.arange(-REACH, REACH + 0.01, 0.25, dtype=np.float32)
-    u, v = column[:, None] + uphill[:, :1] * step, row[:, None] + uphill[:, 1:] * step
-    profiles = cv2.remap(luminance, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
-    widths = [rise(profile, 0.25) for profile in profiles]
+    reach = REACH + 1
+    widths = []
+    for r, c, (right, below) in zip(row, column, uphill, strict=True):
+        around = luminance[r - reach : r + reach + 1, c - reach : c + reach + 1]  # remap takes no sides over 32766 px
+        profile = cv2.remap(around, (reach + right * step)[None], (reach + below * step)[None], cv2.INTER_LINEAR)
+        widths.append(rise(profile[0], 0.25))
     return np.array([width for width in widths if width is not None])
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from marssim.base.dataset.sample import StereoSample
+from marssim.base.right_image import recorded_rotation, vertical_disparity
 from marssim.layouts.layout import (
     Content,
     Item,
@@ -21,18 +22,23 @@ from marssim.layouts.layout import (
 def middlebury_calibration(sample: StereoSample, labelled: np.ndarray) -> str:
     """Return calib.txt of Middlebury 2014 and ETH3D: baseline in mm, depth = baseline f / (disparity + doffs).
 
+    dyavg and dymax are the mean and the largest of the absolute vertical disparities of the labelled pixels.
+
     Args:
         sample: The sample, for its rig and its disparities.
-        labelled: (H, W) bool, the pixels that give the range of disparity, vmin to vmax [px].
+        labelled: (H, W) bool, the pixels that give vmin, vmax, dyavg and dymax [px].
     """
     camera = sample.rig.camera
     disparity = sample.disparity[labelled]
     low, high = (int(np.floor(disparity.min())), int(np.ceil(disparity.max()))) if labelled.any() else (0, 0)
+    rotation = recorded_rotation(sample.meta.get("right_rotation"))
+    rows = np.abs(vertical_disparity(sample.rig, sample.depth, rotation)[labelled])
+    mean, most = (float(rows.mean()), float(rows.max())) if labelled.any() else (0.0, 0.0)
     matrix = f"[{camera.fx:.10g} 0 {camera.cx:.10g}; 0 {camera.fy:.10g} {camera.cy:.10g}; 0 0 1]"
     return (
         f"cam0={matrix}\ncam1={matrix}\ndoffs=0\nbaseline={1000 * sample.rig.baseline:.10g}\n"
         f"width={camera.width}\nheight={camera.height}\nndisp={high + 1}\nisint=0\nvmin={low}\nvmax={high}\n"
-        f"dyavg=0\ndymax=0\n"
+        f"dyavg={mean:.4g}\ndymax={most:.4g}\n"
     )
 
 

@@ -33,12 +33,17 @@ def at_temperature(config: SensorConfig, kelvin: float, rig: StereoRig) -> Senso
 
     Raises:
         ValueError: The temperature is more than 100 K off, or moves the right image by more pixels than can be
-            simulated, as in images of several thousand pixels.
+            simulated, as in images of several thousand pixels; or config.fault_chance would leave its turn out of some
+            pairs.
     """
     if not abs(kelvin) <= MOST_KELVIN:
         raise ValueError(f"temperature must lie in [-{MOST_KELVIN:g}, {MOST_KELVIN:g}] K, got {kelvin}")
     if not kelvin:
         return config
+    if config.fault_chance != (1.0, 1.0):
+        raise ValueError(
+            f"a temperature acts on every pair, so fault_chance must be 1 with it, got {config.fault_chance}"
+        )
     rows, columns = kelvin * PITCH_PER_KELVIN * rig.camera.fy, kelvin * YAW_PER_KELVIN * rig.camera.fx
     try:
         return replace(

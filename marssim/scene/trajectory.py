@@ -88,8 +88,13 @@ def draw_trajectory(
     if mast is not None:
         x, y = ZHURONG.mount.left_eye(mast.baseline, mast.pan)[:2, 3]
         eye, beside = look_pose(np.array([x, y, height]), mast.pan, pitch), float(np.hypot(x, y))
+    if (reach := CAMERA_EXTENT * scene.half - beside) <= 0:
+        raise ValueError(
+            f"scene {scene.config.preset}: its square is too small for a drive whose left eye is {beside:.2f} m beside "
+            "the rover's middle; choose a larger `size` or a shorter `rig.baseline`"
+        )
     for _ in range(TRIES):
-        path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng, beside)
+        path = _draw_path(scene, obstacles, view, (count - 1) * strides, config.step / strides, rng, reach)
         if path is not None:
             bodies = [stand_on(scene, *state) for state in path[::strides]]
             return np.stack([body @ eye for body in bodies]), eye
@@ -143,16 +148,15 @@ def tum_lines(times: Sequence[float], poses: np.ndarray) -> str:
 
 def _draw_path(
     scene: Scene, obstacles: np.ndarray, view: ViewConfig, strides: int, stride: float, rng: np.random.Generator,
-    beside: float,
+    reach: float,
 ) -> list | None:  # fmt: skip
     """Draw strides + 1 states (x, y, yaw), `stride` [m] apart; return None where the path ends at an obstacle.
 
-    The camera stands `beside` [m] from the path, which keeps as much farther from the borders.
+    The path stays within `reach` [m] of the middle of the scene, along both axes.
 
     Each stride takes the curvature that stays free for longest. Among equals, it takes the one nearest to a random
     curvature that varies smoothly over a few metres.
     """
-    reach = CAMERA_EXTENT * scene.half - beside
     x, y = rng.uniform(-reach, reach, 2)
     yaw = np.deg2rad(rng.uniform(*view.yaw_deg))
     waves = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 2 * np.pi, 3)  # [rad/m], [rad]

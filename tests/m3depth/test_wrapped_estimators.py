@@ -52,8 +52,16 @@ class Broken:
         return None
 
 
+class Any:
+    """Takes every setting."""
+
+    def infer(self, left, right, rig, **settings) -> Prediction:
+        return Network().infer(left, right, rig, **settings)
+
+
 def test_what_the_inner_method_takes_counts() -> None:
     for estimator in (Network(), ReducedEstimator(Network(), 4096), FilledEstimator(ReducedEstimator(Network(), 4096))):
         assert takes_setting(estimator, "nearest") and takes_setting(estimator, "max_pixels")
         assert not takes_setting(estimator, "speed")
+    assert takes_setting(Any(), "max_pixels")
     assert not takes_setting(FilledEstimator(SGBM()), "max_pixels")

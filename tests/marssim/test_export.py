@@ -24,6 +24,7 @@ from marssim.base.results import lock
 from marssim.export import ExportConfig, export
 from marssim.layouts.kitti import kitti_code
 from marssim.layouts.layout import Item
+from marssim.layouts.middlebury import middlebury_calibration
 from marssim.layouts.registry import LAYOUTS
 
 FORMATS = tuple(LAYOUTS)
@@ -266,6 +267,17 @@ def test_middlebury_calibration_gives_depth(closed_form_set, exports, name, path
     depth = 1e-3 * calib["baseline"] * calib["cam0"][0, 0] / (disparity[known] + calib["doffs"])
     assert np.allclose(depth, sample.depth[known], rtol=1e-6)
     assert calib["vmin"] <= disparity[known].min() and disparity[known].max() <= calib["vmax"] < calib["ndisp"]
+
+
+def test_middlebury_calibration_says_how_far_rows_are_apart(closed_form_set):
+    sample = samples(closed_form_set, "train")[0]
+    assert "dyavg=0\ndymax=0\n" in middlebury_calibration(sample, sample.valid)
+    turned = cv2.Rodrigues(np.deg2rad([0.02, 0.0, 0.0]))[0]  # about the x axis: all rows move by about as much
+    text = middlebury_calibration(replace(sample, meta={"right_rotation": turned.tolist()}), sample.valid)
+    rows = sample.rig.camera.fy * np.deg2rad(0.02)
+    values = dict(line.split("=") for line in text.splitlines())
+    assert float(values["dyavg"]) == pytest.approx(rows, rel=0.2)
+    assert rows < float(values["dymax"]) < 2 * rows
 
 
 @pytest.mark.parametrize("name", FORMATS)

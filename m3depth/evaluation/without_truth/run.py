@@ -20,11 +20,12 @@ from marssim.base.files.markdown import in_table
 
 FIGURE = "qualitative.png"  # the methods side by side, which the caller draws
 RULES = (
-    "Without true depth: the share of the pixels that both eyes measure on which their disparities agree within 1 px, "
-    "which favours a method that leaves the hard pixels unknown; the same share on the pixels that every method so "
-    "measures, which compares them; the mean difference of the normalised images where the right one is warped by the "
-    "disparity, on the pixels that SGBM matched and the method measured, which are others for each method; its ratio "
-    "to SGBM's on the same pixels, which compares them; the shares of sky and unknown pixels. "
+    "Without true depth: of the pixels that the left eye measures and the right eye does not leave unknown, the share "
+    "on which their disparities agree within 1 px (sky in the right eye does not agree), which favours a method that "
+    "leaves the hard pixels unknown; the same share on the pixels that count for every method, which compares them; "
+    "the mean difference of the normalised images where the right one is warped by the disparity, on the pixels that "
+    "SGBM matched and the method measured, which are others for each method; its ratio to SGBM's on the same pixels, "
+    "which compares them; the shares of sky and unknown pixels. "
     "Masked pixels do not count, nor, in all but the shares of sky and unknown pixels, those whose match is masked."
 )
 

@@ -38,11 +38,12 @@ def score_pair(methods: Mapping[str, Estimator], pair: PairImages, align: bool =
         align: Whether to align the rows first where they lie significantly apart.
 
     Returns:
-        For each method: the share of the pixels that both eyes see and measure on which their disparities agree
-        within 1 px; that share on the pixels that every method so measures; the mean photometric residual on the
-        pixels that SGBM matched and the method measured, and its ratio to SGBM's there; the shares of sky and of
-        unknown pixels; and the seconds, with those of the alignment. Masked pixels do not count, nor, in the first
-        three, those whose match is masked. What has no pixels is left out.
+        For each method: of the pixels that both eyes see, that the left one measures and the right one does not leave
+        unknown, the share on which their disparities agree within 1 px, where sky in the right eye does not agree; that
+        share on the pixels that so count for every method; the mean photometric residual on the pixels that SGBM
+        matched and the method measured, and its ratio to SGBM's there; the shares of sky and of unknown pixels; and the
+        seconds, with those of the alignment. Masked pixels do not count, nor, in the first three, those whose match is
+        masked. What has no pixels is left out.
 
     Raises:
         EstimatorError: A method returned something else than a whole Prediction.

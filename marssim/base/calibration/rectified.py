@@ -10,6 +10,7 @@ marssim      a rig file, {"width", "height", "fx", "fy", "cx", "cy", "baseline"}
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -132,14 +133,18 @@ def align_right(right: np.ndarray, shift: float) -> np.ndarray:
         shift: See Calibration [px].
 
     Returns:
-        The same shape; the border is repeated where the image ends.
+        The same shape; the border is repeated where the image ends. Between the pixels, it is the polynomial of
+        degree 7 through eight of them (Lagrange), which moves smooth images by `shift` exactly. OpenCV's warps round
+        it to 1/32 px.
     """
     if shift == 0:
         return right
-    move = np.array([[1, 0, -shift], [0, 1, 0]])
-    size = (right.shape[1], right.shape[0])
-    # not cubic, which moves what the image shows by up to 0.05 px
-    return cv2.warpAffine(right, move, size, flags=cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    whole = math.floor(shift)
+    taps = np.arange(-3, 5)
+    weights = [np.prod([(shift - whole - j) / (k - j) for j in taps if j != k]) for k in taps]
+    between = cv2.filter2D(right, -1, np.array([weights]), anchor=(3, 0), borderType=cv2.BORDER_REPLICATE)
+    columns = np.clip(np.arange(right.shape[1]) + whole, 0, right.shape[1] - 1)
+    return np.ascontiguousarray(between[:, columns])
 
 
 def _from_json(text: str) -> Calibration | None:

@@ -36,20 +36,30 @@ def several_threads() -> bool:
 
 
 @contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """Let OpenCV compute in one thread within the block, beside PyTorch's, which would wait for the cores."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+@contextmanager
 def one_thread() -> Iterator[None]:
     """Let OpenCV and PyTorch, if it is imported, compute in one thread within the block.
 
     Sums that several threads share differ in their last bits from those of one thread, so a network's depth depends on
     the number of cores, and after some steps of a drive its way does too.
     """
-    torch, before = sys.modules.get("torch"), cv2.getNumThreads()
+    torch = sys.modules.get("torch")
     of_torch = None if torch is None else torch.get_num_threads()
-    cv2.setNumThreads(1)
-    if torch is not None:
-        torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
+    with one_opencv_thread():
         if torch is not None:
-            torch.set_num_threads(of_torch)
+            torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            if torch is not None:
+                torch.set_num_threads(of_torch)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+LARGEST_JPEG = 65500  # [px] width and height that the encoder takes
+
 
 def sent(image: np.ndarray, quality: int) -> np.ndarray:
     """Return an image after JPEG, as its receiver decodes it.

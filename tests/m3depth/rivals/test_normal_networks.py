@@ -28,6 +28,7 @@ from m3depth.stereo.pairs import NEAREST
 from m3depth.training.config import check_config
 from m3depth.training.loop import train
 from m3depth.training.run import first_network
+from m3depth.wrapped_estimators import ReducedEstimator
 from marssim.base.camera import NATECAM, StereoRig
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
@@ -220,6 +221,10 @@ def test_true_depth_is_given_in_training_and_evaluation_and_marked_in_tables(pla
     with pytest.raises(ValueError, match=r"^fusion needs the true depth"):
         network.infer(sample.left, sample.right, sample.rig)
     given = for_pair(network, sample).infer(sample.left, sample.right, sample.rig)
+    half = for_pair(ReducedEstimator(network, 2048), sample)
+    reduced = half.infer(sample.left, sample.right, sample.rig)
+    np.testing.assert_array_equal(reduced.depth, given.depth)
+    assert (reduced.normal != given.normal).any()  # of the images that were reduced
     seen = sample.disparity >= 0.05
     np.testing.assert_allclose(given.depth[seen], sample.depth[seen], rtol=1e-5)
     assert not np.isfinite(given.depth[~seen]).any()

@@ -7,7 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marssim.base.camera import PinholeCamera, StereoRig
-from marssim.base.right_image import IDEAL, image_disparity, is_rotation, outside_right, recorded_rotation
+from marssim.base.right_image import (
+    IDEAL,
+    image_disparity,
+    is_rotation,
+    outside_right,
+    recorded_rotation,
+    vertical_disparity,
+)
 
 RIG = StereoRig(PinholeCamera(31, 23, 40.0, 44.0, 14.2, 12.1), 0.27)
 SMALL = st.floats(-0.02, 0.02)
@@ -32,6 +39,13 @@ def test_disparity_is_that_of_the_projection(x, y, z, seed):
     depth, rotation = depth_map(seed), cv2.Rodrigues(np.array([x, y, z]))[0]
     expected = np.arange(31) - projected(depth, rotation)[..., 0]
     assert np.allclose(image_disparity(RIG, depth, rotation), np.where(np.isfinite(depth), expected, 0), atol=2e-4)
+
+
+@given(SMALL, SMALL, SMALL, st.integers(0, 9))
+def test_vertical_disparity_is_that_of_the_projection(x, y, z, seed):
+    depth, rotation = depth_map(seed), cv2.Rodrigues(np.array([x, y, z]))[0]
+    lower = projected(depth, rotation)[..., 1] - np.arange(23)[:, None]
+    assert np.allclose(vertical_disparity(RIG, depth, rotation), np.where(np.isfinite(depth), lower, 0), atol=2e-4)
 
 
 @given(SMALL, SMALL, SMALL, st.integers(0, 9))

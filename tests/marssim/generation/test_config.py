@@ -191,6 +191,14 @@ def test_images_that_opencv_would_not_read_are_refused():
         asked("--rig.width", 2**16, "--rig.height", 2**14 + 1)
 
 
+def test_images_that_jpeg_does_not_take_are_refused_where_they_may_be_compressed():
+    wide = "--rig.width", 65501, "--rig.height", 8
+    assert asked(*wide).rig.camera.width == 65501
+    for flags in (("--faults", "public"), ("--sensor.jpeg-quality", 80, 80)):
+        with pytest.raises(ValueError, match=r"^`sensor.jpeg_quality` below 100, which --faults may set, needs images"):
+            asked(*wide, *flags)
+
+
 @pytest.mark.parametrize("flag", ["--rig.focal", "--rig.focal-y"])
 def test_a_focal_length_in_metres_is_refused(flag):
     assert asked(flag, 1).rig.camera.fy == 1

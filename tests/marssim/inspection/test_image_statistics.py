@@ -91,6 +91,13 @@ def test_the_width_of_a_blurred_edge(angle, blur):
     assert 2.563 * blur * 0.97 < np.median(widths) < 2.563 * np.hypot(blur, 0.6)
 
 
+def test_edges_of_an_image_of_many_columns_are_those_of_its_part():
+    part = (0.3 + 0.2 * (1 + erf((U - 128.2) / 3))).astype(np.float32)
+    wide = np.full((256, 40000), part[:, -1:], np.float32)
+    wide[:, :256] = part
+    np.testing.assert_array_equal(edge_widths(wide), edge_widths(part))
+
+
 def test_a_ramp_rises_over_eight_tenths_of_its_length():
     profile = np.interp(np.arange(49) * 0.25, [4, 8], [1.0, 2.0])
     assert rise(profile, 0.25) == pytest.approx(0.8 * 4, abs=1e-6)

@@ -38,6 +38,11 @@ def test_a_temperature_beyond_the_limits_is_refused():
         at_temperature(SensorConfig(), 101, NATECAM)
 
 
+def test_a_temperature_beside_faults_that_some_pairs_lack_is_refused():
+    with pytest.raises(ValueError, match=r"fault_chance must be 1 with it, got \(0.3, 0.5\)$"):
+        at_temperature(SensorConfig(fault_chance=(0.3, 0.5)), 50, NATECAM)
+
+
 def test_a_rig_of_many_pixels_names_the_temperature_that_moves_its_image_too_far():
     with pytest.raises(ValueError, match=r"a temperature of 100 K moves the right image by 11.* rows and .*10, got"):
         at_temperature(SensorConfig(), 100.0, NATECAM.resized(4096, 4096))

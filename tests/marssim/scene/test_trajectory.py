@@ -135,6 +135,10 @@ def test_a_scene_too_small_for_the_drive_is_an_error():
     small = build_scene(SceneConfig(size=8.0, horizon=12.0, rocks=RockConfig(k=0.0)), np.random.default_rng(0))
     with pytest.raises(ValueError, match=r"no path of 195 m .* `drive.step`"):
         draw_trajectory(small, VIEW, TrajectoryConfig(step=5.0), 40, np.random.default_rng(0))
+    with pytest.raises(
+        ValueError, match=r"square is too small for a drive whose left eye is \d\.\d\d m .* `size` or a"
+    ):
+        draw_trajectory(small, VIEW, TrajectoryConfig(), 2, np.random.default_rng(0), MastState(8.0, 0.0))
 
 
 @pytest.mark.parametrize(
