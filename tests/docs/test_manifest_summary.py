@@ -152,7 +152,7 @@ def test_a_method_that_gets_the_true_depth_is_marked(manifest_summary):
         assert f"|  | {title} | SGBM |" in text
 
 
-@pytest.mark.parametrize("name", ["all_512", "maps", "all_1024", "all_2048", "clean", "dust", "sizes"])
+@pytest.mark.parametrize("name", ["all_512", "maps", "all_1024", "all_2048", "clean", "dust", "sizes", "quarter"])
 def test_the_headings_of_the_pages_say_which_pairs_they_score(manifest_summary, name):
     folder = Path(__file__).parents[2] / "docs/results/depth"
     content = json.loads((folder / f"{name}.json").read_text())

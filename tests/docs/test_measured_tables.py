@@ -383,6 +383,17 @@ def test_the_scores_in_the_world_of_the_first_release_are_those_of_their_file() 
         assert cells == [*errors, f"{value['normal']:.1f} deg"]
 
 
+def test_the_scores_with_fewer_pixels_are_those_of_their_files() -> None:
+    for name, (_, *cells) in zip(("clean", "quarter"), rows("depth.md", "## With fewer pixels\n"), strict=True):
+        content = json.loads((ROOT / f"depth/{name}.json").read_text())
+        assert content.get("max_pixels") == {"clean": None, "quarter": 65536}[name]
+        scores = content["parts"]["512"]["clean"]["depth"]["M3Depth"]
+        value = {key: score["value"] for key, score in scores.items() if isinstance(score, dict) and "value" in score}
+        errors = [f"{value['abs_rel']:.4f}"[1:], f"{value['epe_visible']:.3f}"[1:], f"{100 * value['bad1']:.1f} %"]
+        errors += [f"{value['normal']:.1f} deg", f"{100 * value['found_both']:.1f} %"]
+        assert cells == [*errors, f"{100 * value['missed_sky']:.2f}"[1:] + " %"]
+
+
 def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
     scores = json.loads((ROOT / "depth/rows.json").read_text())
     kinds = {"clean": "clean", "sun at 10 deg": "sun", "image faults": "faults"}
