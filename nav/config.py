@@ -90,8 +90,8 @@ class NavigatorConfig:
             back_speed=(1e-3, 1e3),
         )  # fmt: skip
         check_whole(
-            self, least_points=0, max_recoveries=0, closed_steps=0, risk_after=0, risk_after_recoveries=0, risk_steps=0,
-            slip_steps=0,
+            self, least_points=0, max_recoveries=0, closed_steps=1, risk_after=1, risk_after_recoveries=0, risk_steps=0,
+            slip_steps=1,
         )  # fmt: skip
         if not 4 * self.planner.coarse * self.elevation.cell <= (1 + 1e-9) * self.elevation.size:
             raise ValueError(

@@ -161,7 +161,7 @@ class Navigator:
                 on by its map as long as that shows a free way, and stops for a look where it does not; depth and
                 confidence are not read. Without it, a rover without an image stands still.
             obeyed: Whether the rover was to carry out the last command. Where it was not, as another driver moves it,
-                a rover that stands still is no sign of an obstacle.
+                a rover that stands still is no sign of an obstacle, and a mast that does not turn is none of a fault.
 
         Returns:
             The command for the next step.
@@ -209,8 +209,12 @@ class Navigator:
         # The ground under the rover carries it, seen or not.
         self.map.assume_under(pose, self.spec.length, self.spec.width)
         self.recovery.follow(planar)
+        if not obeyed:
+            self._last_command = replace(self._last_command, pan=None)
+            self.recovery.skip_look()
         self.mast.follow(pan, self._last_command.pan)
         moved = float(np.hypot(*(planar - self._last_pose)[:2]))
+        self.recovery.count(planar, moved, self._last_command)
         wanted = abs(self._last_command.speed) * self.config.step_time
         if obeyed and self._last_command.status == "drive" and moved < IDLE_SHARE * wanted:
             self._idle_drives += 1
@@ -251,7 +255,7 @@ class Navigator:
         if self.risk.given_up:
             return Command(0.0, 0.0, None, "no_path")
         if self.recovery.backing:
-            command = self.recovery.back_up(place, self._last_pose, self._last_command, ground, self.map, self.planner)
+            command = self.recovery.back_up(place, ground, self.map, self.planner)
             if command is not None:
                 return command
         self.motion = self.planner.plan(self.map, ground, place, goal)

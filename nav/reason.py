@@ -20,7 +20,7 @@ def reason_of(navigator: Navigator, command: Command) -> str:
     """
     sentence = _reason(navigator, command)
     level = navigator.risk.level
-    return f"{sentence}, at risk level {level} as every path was closed" if level and not command.over else sentence
+    return f"{sentence}, at risk level {level}" if level and not command.over else sentence
 
 
 def _reason(navigator: Navigator, command: Command) -> str:

@@ -64,6 +64,27 @@ class Recovery:
         if not self._track or np.hypot(*(place - self._track[-1])[:2]) > TRACK_STEP:
             self._track.append(place)
 
+    def count(self, place: np.ndarray, moved: float, last: Command) -> None:
+        """Count the way that the last command drove back, of which there may be no image; it ends where nothing moves.
+
+        Args:
+            place: (3,) x, y [m], yaw [rad] of the rover now.
+            moved: Distance from the place of the step before [m].
+            last: The command of that step.
+        """
+        if last.status == "recover" and last.speed < 0:
+            self._back_left = 0.0 if moved < STALLED else max(self._back_left - moved, 0.0)
+            self._drop_reached(place)
+
+    def _drop_reached(self, place: np.ndarray) -> None:
+        while len(self._track) > 1 and np.hypot(*(place - self._track[-1])[:2]) < TRACK_REACHED:
+            self._track.pop()
+
+    def skip_look(self) -> None:
+        """Take the look that was asked for last as done, where another driver moves the mast."""
+        if self._pans_to_look:
+            self._pans_to_look.pop(0)
+
     def found_a_way(self) -> None:
         """Note that a way leads on, so that the mast looks to both sides at the next dead end."""
         self._pans_to_look = None
@@ -118,7 +139,7 @@ class Recovery:
         self._pans_to_look = None
         self.start(place)
         planner.reset()
-        command = self.back_up(place, place, Command(0.0, 0.0, None, "look"), ground, elevation, planner)
+        command = self.back_up(place, ground, elevation, planner)
         if command is not None:
             return command
         turns = planner.free_turns(elevation, ground, place)
@@ -130,20 +151,12 @@ class Recovery:
         return Command(0.0, 0.0, None, "look")
 
     def back_up(
-        self,
-        place: np.ndarray,
-        before: np.ndarray,
-        last: Command,
-        ground: Traversability,
-        elevation: ElevationMap,
-        planner: Planner,
+        self, place: np.ndarray, ground: Traversability, elevation: ElevationMap, planner: Planner
     ) -> Command | None:
         """Reverse along the driven track.
 
         Args:
             place: (3,) x, y [m], yaw [rad] of the rover now.
-            before: (3,) the same at the last step.
-            last: The command between the two.
             ground: The judged ground.
             elevation: The map.
             planner: The planner.
@@ -151,13 +164,7 @@ class Recovery:
         Returns:
             The command; None where the track ends or is closed, which ends the backing.
         """
-        moved = float(np.hypot(*(place - before)[:2]))
-        if last.status == "recover" and last.speed < 0:
-            self._back_left -= moved
-            if moved < STALLED:
-                self._back_left = 0.0
-        while len(self._track) > 1 and np.hypot(*(place - self._track[-1])[:2]) < TRACK_REACHED:
-            self._track.pop()
+        self._drop_reached(place)
         if self._back_left <= 0 or not self._track:
             self._back_left = 0.0
             return None
@@ -171,6 +178,9 @@ class Recovery:
             return None
         backwards = min(self.config.back_speed, self.spec.max_speed)
         speed, yaw_rate = steerable(-backwards, -curvature * backwards, self.spec)
+        if not speed:  # the wheels of some rovers can only turn in place there
+            self._back_left = 0.0
+            return None
         spacing = self.config.planner.spacing
         poses = arc_poses(place, np.array(yaw_rate / speed), -np.arange(CHECKED_POSES) * spacing)[None]
         if planner.free_length(poses, elevation, ground)[0] < 2 * spacing:

@@ -1,4 +1,4 @@
-"""The risk that the navigator accepts when every known way is closed: raised in steps, and for a limited time."""
+"""The risk that the navigator accepts for a time, in steps, when every known way is closed or recoveries fail."""
 
 from __future__ import annotations
 

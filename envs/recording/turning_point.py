@@ -51,7 +51,7 @@ def turning_point(drive: DriveFile) -> tuple[int, str]:
         return start, f"from here on, the odometry was wrong by more than {ASTRAY:g} m"
     start = _run_back(last, lambda i: steps[i]["risk_level"] > 0)
     if outcome == "no_path" and start < last:
-        return start, "from here on, the navigator accepted more risk, as known obstacles closed every path"
+        return start, "from here on, the navigator accepted more risk, as it found no way"
     nearest = min(range(len(steps)), key=lambda i: steps[i]["distance"])
     return nearest, "the rover never came nearer to the goal than here"
 

@@ -56,10 +56,15 @@ class PlannerConfig:
     def __post_init__(self) -> None:
         check_whole(self, arcs=1, turns=1, coarse=1)
         check_range(
-            self, arc_length=(0.1, 1000), max_turn_deg=(1, 360), spacing=(0.01, 100), commit=(0, 1000),
+            self, arc_length=(0.1, 1000), max_turn_deg=(1, 360), spacing=(0.01, 100), commit=(0.01, 1000),
             lookahead=(0.1, 1000), tilt_limit_deg=(0, 180),
         )  # fmt: skip
         check_least(
             self, margin=0, dark_margin=0, belly_margin=0, turn_cost=0, turn_start_cost=0, turn_back_cost=0,
             turn_dark_cost=0, bend_cost=0, change_cost=0, heading_cost=0, inflated_cost=0,
         )  # fmt: skip
+        if (nearest := min(self.lookahead, self.arc_length)) < self.commit:
+            raise ValueError(
+                f"commit must be at most lookahead and arc_length, or no motion is long enough, got {self.commit} "
+                f"and {nearest}"
+            )

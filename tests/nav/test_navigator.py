@@ -175,6 +175,32 @@ def test_a_rover_that_another_driver_moves_meets_nothing_by_standing_still():
     assert navigator.recovery.bumps
 
 
+def test_a_mast_that_another_driver_moves_is_not_taken_for_broken():
+    depth = RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    for obeyed in (True, False):
+        navigator = Navigator()
+        for _ in range(4):  # the goal lies behind, so that the mast shall look there, and never does
+            navigator.step(depth, None, SMALL_RIG, np.eye(4), (-8.0, 8.0), obeyed=obeyed)
+        assert navigator.mast.obeys != obeyed
+
+
+def test_a_recovery_counts_the_way_back_of_steps_without_an_image():
+    navigator = Navigator()
+    for x in np.arange(0.0, 4.0, 0.2):
+        navigator.recovery.follow(np.array([x, 0.0, 0.0]))
+    navigator.recovery.start(np.array([4.0, 0.0, 0.0]))
+    x, driven = 4.0, 0.0
+    for n in range(30):
+        pose = body_pose(x, 0.0, 0.0)
+        depth = RockWorld().depth(SMALL_RIG, pose @ ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+        command = navigator.step(None if n % 2 else depth, None, SMALL_RIG, pose, (12.0, 0.0))
+        if command.status not in ("recover", "blind"):
+            break
+        x += command.speed * navigator.config.step_time
+        driven -= command.speed * navigator.config.step_time
+    assert 0.9 <= driven <= navigator.config.back_up + 0.31
+
+
 def test_between_two_looks_the_rover_drives_on_by_its_map():
     navigator, world = Navigator(), RockWorld()
     eye = body_pose(0, 0, 0) @ ZHURONG.mount.left_eye(SMALL_RIG.baseline, 0.0)

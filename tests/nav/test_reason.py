@@ -47,7 +47,7 @@ def test_a_look_between_two_looks_is_along_the_path(monkeypatch):
 
 
 @pytest.mark.parametrize(("status", "speed", "words"), [
-    ("recover", -0.15, "backs out along its track, 1.2 m left, recovery 1 of at most 6, at risk level 1 as every path"),
+    ("recover", -0.15, "backs out along its track, 1.2 m left, recovery 1 of at most 6, at risk level 1"),
     ("recover", 0.0, "turns in place to look for another path, recovery 1 of at most 6, at risk level 1"),
     ("look", 0.0, "no motion, no way back and no turn is free, at risk level 1"),
     ("stuck", 0.0, "1 recoveries brought the rover no nearer to the goal"),

@@ -63,12 +63,13 @@ def test_the_search_waits_for_a_slow_mast_and_uses_no_mast_that_does_not_turn(re
 
 def test_the_rover_backs_out_along_its_track_by_the_set_distance(recovery_on_flat_ground):
     recovery, about = recovery_on_flat_ground()
-    command, before, here, steps = recovery.search(ORIGIN, *about, 0.0, False), ORIGIN, ORIGIN, 0
+    command, here, steps = recovery.search(ORIGIN, *about, 0.0, False), ORIGIN, 0
     while command is not None:
         assert command.speed < 0 and steps < 20
-        before, distance = here, command.speed * CONFIG.step_time
+        distance = command.speed * CONFIG.step_time
         here = arc_poses(here, np.array(command.yaw_rate / command.speed), np.array([distance]))[0]
-        command, steps = recovery.back_up(here, before, command, *about), steps + 1
+        recovery.count(here, -distance, command)
+        command, steps = recovery.back_up(here, *about), steps + 1
     assert -CONFIG.back_up - 0.31 < here[0] <= -CONFIG.back_up + 1e-6 and abs(here[1]) < 0.05
     assert not recovery.backing
 
@@ -88,7 +89,19 @@ def test_a_rover_hemmed_in_all_round_stands_still(recovery_on_flat_ground):
 def test_backing_that_does_not_move_ends(recovery_on_flat_ground):
     recovery, about = recovery_on_flat_ground()
     command = recovery.search(ORIGIN, *about, 0.0, False)
-    assert recovery.back_up(ORIGIN, ORIGIN, command, *about) is None and not recovery.backing
+    recovery.count(ORIGIN, 0.0, command)
+    assert not recovery.backing and recovery.back_up(ORIGIN, *about) is None
+
+
+def test_a_rover_whose_wheels_can_only_turn_in_place_there_ends_its_backing():
+    spec = replace(ZHURONG, wheel_x=(0.6, 0.0, -0.6), max_steer=np.pi / 4)
+    elevation, ground = flat_map_with_rocks()
+    planner = Planner(spec, CONFIG.planner, elevation)
+    planner.update(elevation, ground, np.array([7.0, 0.0]))
+    recovery = Recovery(spec, CONFIG)
+    recovery.follow(np.array([-0.3, 0.5, 0.0]))
+    recovery.start(ORIGIN)
+    assert recovery.back_up(ORIGIN, ground, elevation, planner) is None and not recovery.backing
 
 
 def test_the_search_ends_after_max_recoveries(recovery_on_flat_ground):
