@@ -27,7 +27,7 @@ def oaisys(root: Path, config: DataConfig, rigs: CalibrationFinder) -> Iterator[
         rigs: Returns the reader of a pair's calibration, from its calibration file and left image.
 
     Raises:
-        DatasetError: The sensors cannot be identified, or a file of the right sensor or a depth map is missing.
+        DatasetError: The sensors cannot be identified.
     """
     batches = sorted(root.glob("batch_*")) or sorted(root.glob("*/batch_*"))
     for batch in batches:

@@ -25,6 +25,7 @@ from m3depth.datasets.oaisys import is_sensor_name, oaisys
 from m3depth.datasets.pair_files import CalibrationFinder, PairFiles, read_pair_files
 from m3depth.datasets.rigs import given_rig, rigs_of_files
 from m3depth.stereo.pairs import StereoPairs
+from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import SPLITS, StereoDataset, split_of
 from marssim.base.dataset.sample import StereoSample
 from marssim.base.files.json_file import DatasetError, read_json
@@ -81,7 +82,9 @@ class PairList:
         if isinstance(index, slice):
             return [read_pair_files(pair, self.config) for pair in self.pairs[index]]
         if not -len(self) <= index < len(self):
-            raise IndexError(f"{self.path}: split {self.split} holds {len(self)} pairs, there is no index {index}")
+            raise IndexError(
+                f"{self.path}: split {self.split} holds {counted(len(self), 'pair')}, there is no index {index}"
+            )
         return read_pair_files(self.pairs[index], self.config)
 
     def __iter__(self) -> Iterator[StereoSample]:

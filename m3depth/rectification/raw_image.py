@@ -10,7 +10,7 @@ import numpy as np
 from m3depth.datasets.image_files import read_image, read_scene_mask
 from m3depth.rectification.product_names import is_product, label_beside
 from m3depth.rectification.products import read_product
-from m3depth.stereo.pairs import in_colour, in_grey
+from m3depth.stereo.pairs import LARGEST_SIDE, in_colour, in_grey
 from marssim.base.calibration.product_label import ProductLabel, check_labels
 from marssim.base.calibration.read_pair import read_label
 from marssim.base.command.input_file import check_file
@@ -59,6 +59,10 @@ def read_raw_pair(left: Path, right: Path, check: bool = True) -> tuple[RawImage
     if check and labels[0] is not None and labels[1] is not None:
         check_labels(labels[0], labels[1], (left, right))
     a, b = (_read(path, label) for path, label in zip((left, right), labels))
+    for path, image in ((left, a), (right, b)):
+        if max(image.size) > LARGEST_SIDE:
+            size = f"{image.size[0]} x {image.size[1]}"
+            raise ValueError(f"{path}: is {size}: images with sides of at most {LARGEST_SIDE} px can be rectified")
     if a.pixels.dtype != b.pixels.dtype:
         raise ValueError(
             f"{left} is {a.pixels.dtype}, {right} is {b.pixels.dtype}: both images of a pair must be of one kind"

@@ -31,6 +31,7 @@ from m3depth.rectification.product_names import is_product, right_of
 from marssim.base.bags.reader import is_bag
 from marssim.base.camera import StereoRig
 from marssim.base.command.input_file import check_file
+from marssim.base.command.wording import counted
 from marssim.base.dataset.dataset import StereoDataset
 from marssim.base.files.json_file import DatasetError
 
@@ -212,7 +213,9 @@ def find_inputs(options: PredictOptions) -> Inputs:
     if options.poses is not None:
         poses = read_poses(options.poses, options.pose_axes)
         if len(poses) != len(inputs.pairs):
-            raise ValueError(f"{options.poses}: holds {len(poses)} poses, there are {len(inputs.pairs)} pairs")
+            raise ValueError(
+                f"{options.poses}: holds {counted(len(poses), 'pose')} for {counted(len(inputs.pairs), 'pair')}"
+            )
         pairs = tuple(replace(pair, pose=pose) for pair, pose in zip(inputs.pairs, poses, strict=True))
         inputs = replace(inputs, pairs=pairs)
     first = inputs.pairs[0]

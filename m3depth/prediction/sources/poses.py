@@ -26,6 +26,7 @@ MOUNT_ASSUMED = (
     "as on Zhurong, are assumed; give --mount"
 )
 LOOKS_UP = 0.94  # z of the optical axis of a camera that looks up by 70 deg
+MOST_BYTES = 400_000_000  # of a file of poses, 200 to 300 each
 TOLERANCE = 0.01  # by which R R^T of a file's rotation may differ from 1
 
 
@@ -131,7 +132,7 @@ def read_poses(path: Path, axes: str) -> np.ndarray:
         ValueError: A line is none of these; the message names file and line.
     """
     poses = []
-    for number, line in enumerate(read_text(path, "file of poses").splitlines(), 1):
+    for number, line in enumerate(read_text(path, "file of poses", MOST_BYTES).splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         try:

@@ -33,12 +33,13 @@ _Loader.add_multi_constructor(
 )
 
 
-def read_text(path: Path, what: str = "calibration file") -> str:
+def read_text(path: Path, what: str = "calibration file", most: int = MOST_BYTES) -> str:
     """Read an untrusted text file.
 
     Args:
         path: The file.
         what: Kind of file, for the messages.
+        most: Largest size that it may have [bytes].
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -46,9 +47,9 @@ def read_text(path: Path, what: str = "calibration file") -> str:
     """
     check_file(path, what)
     with path.open("rb") as file:
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise ValueError(f"{path}: has more than {MOST_BYTES // 1_000_000} MB, which no {what} has")
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"{path}: has more than {most // 1_000_000} MB, which no {what} has")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

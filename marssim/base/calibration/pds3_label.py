@@ -37,6 +37,7 @@ _VALUE = r'"[^"]*"|\((?:[^()"]|"[^"]*"|\((?:[^()"]|"[^"]*")*\))*\)|\{[^{}]*\}|[^
 _STATEMENT = re.compile(rf"^[ \t]*+(\^?[A-Za-z][\w:]*+)[ \t]*+(?:=\s*+({_VALUE}))?[ \t]*+\r?$", re.MULTILINE)
 _VICAR = re.compile(r"(?<!\w)([A-Za-z]\w*+)\s*+=\s*+('(?:[^']|'')*+'|\([^()]*+\)|[^\s']+)")
 _END = re.compile(rb"^[ \t]*END[ \t]*\r?$", re.MULTILINE)
+_QUOTE_OR_COMMENT = re.compile(r'"|/\*')
 _ITEM = re.compile(r'"[^"]*"|\'[^\']*\'|[^,()"\']+')
 _UNIT = re.compile(r"<[^<>]*>")
 _POINTER = re.compile(r"(\d+)\s*(<\s*BYTES\s*>)?")  # to a record, or to a byte, of the file itself
@@ -128,12 +129,18 @@ def _odl(text: str) -> dict[str, Any]:
 
 
 def _without_comments(text: str) -> str:
-    """Return a label without its comments, /* ... */. One without an end is none."""
-    parts, at = [], 0
-    while (begin := text.find("/*", at)) >= 0 and (end := text.find("*/", begin + 2)) >= 0:
-        parts.append(text[at:begin])
-        at = end + 2
-    return "".join(parts) + text[at:]
+    """Return a label without its comments, /* ... */. One without an end is none, nor is one within quotes."""
+    parts, kept, at = [], 0, 0
+    while begins := _QUOTE_OR_COMMENT.search(text, at):
+        mark = begins[0]
+        end = text.find('"' if mark == '"' else "*/", begins.end())
+        if end < 0 and mark != '"':
+            break
+        at = begins.end() if end < 0 else end + len(mark)
+        if mark != '"':
+            parts.append(text[kept : begins.start()])
+            kept = at
+    return "".join(parts) + text[kept:]
 
 
 def _vicar(data: bytes) -> dict[str, Any]:
@@ -215,7 +222,7 @@ def _file_bytes(label: dict[str, Any], image: dict[str, Any]) -> int | None:
 
 
 def _camera(model: dict[str, Any], size: tuple[int, int] | None) -> PosedCamera:
-    """Return the camera of a group GEOMETRIC_CAMERA_MODEL, whose components are named by MODEL_COMPONENT_ID."""
+    """Return the camera of a group GEOMETRIC_CAMERA_MODEL, with components in the order of MODEL_TYPE's letters."""
     kind = model.get("MODEL_TYPE")
     if kind not in MODELS:
         raise ValueError(f"{MODEL}: MODEL_TYPE {kind} is not supported; {', '.join(MODELS)} are")

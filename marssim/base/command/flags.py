@@ -7,7 +7,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import redirect_stderr
 from dataclasses import fields, is_dataclass
 from inspect import cleandoc
@@ -58,7 +58,7 @@ def parse(
         raise HelpPrinted(0)
     defaults: dict[str, Any] = {} if default is None else {"default": default}
     output = io.StringIO()
-    _check_not_empty(args)
+    _check_not_empty(args, set(_list_flags(config)))
     _annotate_help(config)
     try:
         with redirect_stderr(output):
@@ -75,8 +75,17 @@ def parse(
         raise ValueError(_parse_error(output.getvalue(), end.__context__, config)) from None
 
 
-def _check_not_empty(args: Sequence[str]) -> None:
-    """Raise ValueError for an empty value. As a path it would mean the working directory."""
+def _check_not_empty(args: Sequence[str], list_flags: Collection[str]) -> None:
+    """Raise ValueError for an empty value, which as a path would mean the working directory, or for none.
+
+    Args:
+        args: The command line.
+        list_flags: The flags that take any number of values, of which the parser allows none.
+    """
+    words = args[: args.index("--")] if "--" in args else args
+    for word, after in zip(words, [*words[1:], "--"]):
+        if word.replace("_", "-") in list_flags and after.startswith("--"):
+            raise ValueError(f"{word} needs a value")
     flag = "a value before all --flags"
     for before, word in zip(["", *args], args):
         if match := re.fullmatch(r"(--[a-zA-Z][\w.-]*)(=.*)?", word, re.DOTALL):
@@ -238,8 +247,12 @@ def _value_error(flag: str, kind: str, why: str) -> str:
         kind: Kind of its values as --help shows it, like "{None}|FLOAT" or "[INT [INT ...]]".
         why: The parser's message.
     """
-    kind = kind.removeprefix("{None}|")
-    noun = {"INT": "whole number", "FLOAT": "number"}.get("".join(set(re.findall("[A-Z]+", kind))))
+    kind = kind.removeprefix("{None}|").strip("{}")
+    if given := re.match(r"\['(.*)'\] does not match choices", why):  # a tuple that may be left out
+        why = f"could not parse arguments '{given[1].replace(chr(39) + ', ' + chr(39), ' ')}'"
+    elif why.startswith("input length 0 "):
+        return f"{flag} needs {kind.count(' ') + 1} values"
+    noun = {"INT": "whole number", "FLOAT": "number", "PATH": "path"}.get("".join(set(re.findall("[A-Z]+", kind))))
     if re.match("invalid literal|could not convert|could not (find valid parse|parse arguments)", why, re.I) and noun:
         count = kind.count(" ") + 1
         wanted = f"{noun}s" if "..." in kind else f"a {noun}" if count == 1 else f"{count} {noun}s"

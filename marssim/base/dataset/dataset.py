@@ -102,7 +102,8 @@ class StereoDataset:
             return [read_sample(self.path / "scenes" / name) for name in self.names[index]]
         if not -len(self) <= index < len(self):
             part = "the dataset" if self.split is None else f"split {self.split}"
-            raise IndexError(f"{self.path}: {part} holds {len(self) or 'no'} pairs, there is no index {index}")
+            held = counted(len(self), "pair") if len(self) else "no pairs"
+            raise IndexError(f"{self.path}: {part} holds {held}, there is no index {index}")
         return read_sample(self.path / "scenes" / self.names[index])
 
     def __iter__(self) -> Iterator[StereoSample]:

@@ -68,8 +68,8 @@ def read_map_file(path: Path, kind: MapKind) -> np.ndarray:
         kind: What it holds.
 
     Returns:
-        (H, W) or (H, W, 3) float32. What a PNG holds as 0 is NaN, and so is what a PFM holds as inf: both mark what is
-        unknown and what is sky alike.
+        (H, W) or (H, W, 3) float32. What a PNG holds as 0 is NaN, but in maps of confidence, and so is what a PFM holds
+        as inf: both mark what is unknown and what is sky alike.
 
     Raises:
         ValueError: The file is broken or holds something else; the message names it.

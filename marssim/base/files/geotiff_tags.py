@@ -54,7 +54,9 @@ def read_geotiff_tags(path: str, name: str, scale_field: str, has_scale: bool) -
     try:
         with open(path, "rb") as file, warnings.catch_warnings(action="ignore"):  # the caller reports a broken file
             header = file.read(8)
-            if header[2:4] in (b"+\x00", b"\x00+"):  # BigTIFF
+            if header[2:4] == b"\x00+":
+                raise ValueError("it is a big-endian BigTIFF: save it as little-endian")
+            if header[2:4] == b"+\x00":  # BigTIFF
                 header += file.read(8)
             tags = TiffImagePlugin.ImageFileDirectory_v2(header)
             file.seek(tags.next)

@@ -11,6 +11,8 @@ import numpy as np
 
 from marssim.base.files.atomic import written_atomically
 
+MOST_TICKS = 65535  # that MPEG-4 counts in a second, or in a power of ten of seconds
+
 
 @contextmanager
 def written_video(path: Path, size: tuple[int, int], rate: float) -> Iterator[Callable[[np.ndarray], None]]:
@@ -22,7 +24,7 @@ def written_video(path: Path, size: tuple[int, int], rate: float) -> Iterator[Ca
     Args:
         path: The file. Its folder must exist.
         size: Width and height of the frames [px].
-        rate: Frames a second.
+        rate: Frames a second; rounded to what MPEG-4 can count, as 66.667 to 66.67.
 
     Yields:
         A function of a frame, (height, width, 3) uint8 BGR.
@@ -31,9 +33,11 @@ def written_video(path: Path, size: tuple[int, int], rate: float) -> Iterator[Ca
         OSError: The file cannot be written, or does not hold all frames, as on a full disk. The error names it.
     """
     with written_atomically(path) as part:
-        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, size)
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), countable_rate(rate), size)
         if not writer.isOpened():
-            raise OSError(f"{path}: OpenCV cannot write a video here; is the folder writable?")
+            raise OSError(
+                f"{path}: OpenCV cannot write a video of {size[0]} x {size[1]} px here; is the folder writable?"
+            )
         frames = 0
 
         def write(frame: np.ndarray) -> None:
@@ -47,6 +51,12 @@ def written_video(path: Path, size: tuple[int, int], rate: float) -> Iterator[Ca
             writer.release()
         if (held := _frames(part)) != frames:
             raise OSError(f"{path}: only {held} of {frames} frames of the video could be written; is the disk full?")
+
+
+def countable_rate(rate: float) -> float:
+    """Return the nearest rate [frames/s] that is a whole number up to MOST_TICKS over a power of ten."""
+    fitting = (round(rate, digits) for digits in range(6, -1, -1) if round(rate * 10**digits) <= MOST_TICKS)
+    return float(max(next(fitting, MOST_TICKS), 1e-6))
 
 
 def _frames(path: Path) -> int:

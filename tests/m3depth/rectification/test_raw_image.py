@@ -21,6 +21,15 @@ def test_rectify_and_predict_read_one_mask_alike(tmp_path, white):
     np.testing.assert_array_equal(read_valid(None, tmp_path / "mask.png", (6, 8)), expected)
 
 
+def test_images_that_opencv_does_not_resample_are_refused(tmp_path):
+    for name, width in (("left.png", 32766), ("right.png", 32767)):
+        cv2.imwrite(str(tmp_path / name), np.zeros((4, width), np.uint8))
+    with pytest.raises(
+        ValueError, match=r"right\.png: is 32767 x 4: images with sides of at most 32766 px can be rect"
+    ):
+        read_raw_pair(tmp_path / "left.png", tmp_path / "right.png")
+
+
 @pytest.mark.parametrize("names", [("left.png", "right.png"), ("right.png", "left.png")])
 def test_the_floats_of_both_eyes_have_one_black_and_one_white(tmp_path, monkeypatch, names):
     narrow = np.linspace(50, 100, 48, dtype=np.float32).reshape(6, 8)

@@ -210,7 +210,7 @@ def test_a_pose_of_a_dataset_that_is_none_is_named(tmp_path):
         ("plain folder", "for other folders give --left and --right"),
         ("list", r"list.txt, line 1: expected left and right, got 'a_L.png'"),
         ("missing in list", r"gone.png: no such file; .*list.txt names it"),
-        ("poses", "poses.txt: holds 2 poses, there are 1 pairs"),
+        ("poses", "poses.txt: holds 2 poses for 1 pair"),
         ("no folder", "--format oaisys needs the dataset's folder before --left and --right"),
         ("every", "--every is for videos"),
         ("split", "--split is for datasets: it takes a part of one"),

@@ -16,6 +16,11 @@ def test_kitti_and_tum_lines_give_the_same_pose(tmp_path):
     np.testing.assert_allclose(first @ [1, 0, 0, 1], [1, 3, 3, 1], atol=1e-7)
 
 
+def test_a_file_of_poses_may_be_larger_than_one_of_a_calibration(tmp_path):
+    (tmp_path / "poses.txt").write_text(f"# {'long ' * 900_000}\n0 0 0 0 0 0 0 1\n")
+    assert len(read_poses(tmp_path / "poses.txt", "camera")) == 1
+
+
 @pytest.mark.parametrize(
     ("axes", "line", "warned"),
     [

@@ -29,3 +29,5 @@ def test_comments_are_left_out(tmp_path):
     image = IMAGE.replace("LINES = 4", "LINES = 4 /* rows */").replace("END_OBJECT", "/* LINES = 5 \r\n */END_OBJECT")
     (tmp_path / "a.lbl").write_text(f"PDS_VERSION_ID = PDS3 /* 3 */\r\n{image}END\r\n /* no end")
     assert read_pds3(tmp_path / "a.lbl").size == (6, 4)
+    (tmp_path / "b.lbl").write_text(f'PDS_VERSION_ID = PDS3\r\nNOTE = "see /* of it"\r\n{image}/* c */\r\nEND\r\n')
+    assert read_pds3(tmp_path / "b.lbl").size == (6, 4)

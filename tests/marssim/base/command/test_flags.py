@@ -50,11 +50,16 @@ def parsed(*args: str) -> Settings:
         ("--driver-name", "a", "--count", "3", "--driver-name", "b"),
         ("--driver_name", "a", "--driver-name", "b", "--count=3"),
         ("--driver-name=a", "--driver-name=b", "--count", "3"),
-        ("--driver-name", "a", "--driver-name=b", "--count", "3", "--driver-name"),
     ],
 )
 def test_a_list_flag_that_is_repeated_keeps_all_of_its_values(args):
     assert parsed(*args) == Settings(driver_name=("a", "b"), count=3)
+
+
+@pytest.mark.parametrize("args", [("--driver-name",), ("--driver_name", "--count", "3"), ("--count", "3", "--files")])
+def test_a_list_flag_without_a_value_is_refused(args):
+    with pytest.raises(ValueError, match=r"^--(driver.name|files) needs a value$"):
+        parsed(*args)
 
 
 def test_every_kind_of_list_flag_is_joined():

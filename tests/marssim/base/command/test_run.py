@@ -72,6 +72,10 @@ class Settings:
     """a number; its help is long enough for several lines of a terminal that is not very wide, which is to be seen"""
     kind: Literal["round", "square"] = "round"
     """a choice"""
+    size: tuple[int, int] | None = None
+    """a pair of numbers that may be left out"""
+    files: tuple[Path, Path] | None = None
+    """two paths that may be left out"""
     quiet: bool = False
     """a switch"""
     part: Part = field(default_factory=Part)
@@ -123,6 +127,10 @@ def test_a_good_command_line_reaches_the_work(capsys):
         (["--kind", "oval"], "--kind must be round or square, got 'oval'"),
         (["--kind", "sqare"], "--kind must be round or square, got 'sqare' (did you mean square?)"),
         (["--part.angle", "a", "b"], "--part.angle must be 2 numbers, got 'a b'"),
+        (["--size", "640x480"], "--size must be 2 whole numbers, got '640x480'"),
+        (["--size", "a", "b"], "--size must be 2 whole numbers, got 'a b'"),
+        (["--size"], "--size needs 2 values"),
+        (["--files", "a"], "--files must be 2 paths, got 'a'"),
         (["--part.angle", "1"], "--part.angle needs 2 values"),
         (["--part.half-width", "wide"], "--part.half-width must be a number, got 'wide'"),
         (["--cuont", "3"], "unknown option --cuont (did you mean --count?)"),

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from marssim.base.images.video_file import written_video
+from marssim.base.images.video_file import countable_rate, written_video
 
 SIZE = (320, 240)
 
@@ -28,6 +28,14 @@ def test_a_video_holds_its_frames(tmp_path):
         levels.append(read[1].mean())
     assert levels == pytest.approx([90, 100, 110], abs=4)
     assert [path.name for path in tmp_path.iterdir()] == ["v.mp4"]
+
+
+@pytest.mark.parametrize(("rate", "countable"), [(1e3 / 15, 66.67), (100.1234, 100.12), (59.94, 59.94), (1e6, 65535)])
+def test_a_rate_that_mpeg_4_cannot_count_is_rounded(tmp_path, rate, countable):
+    assert countable_rate(rate) == countable
+    with written_video(tmp_path / "v.mp4", SIZE, rate) as write:
+        add_noise(write, 2)
+    assert cv2.VideoCapture(str(tmp_path / "v.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(countable, rel=1e-3)
 
 
 def test_a_video_without_frames_and_one_of_a_failed_block(tmp_path):
