@@ -419,9 +419,9 @@ def test_the_errors_of_rows_that_lie_apart_are_those_of_their_file() -> None:
         assert cells == texts
 
 
-@pytest.mark.parametrize("k", ["033", "15"])
-def test_the_drives_over_smooth_dust_are_those_of_their_file(method_drives, k: str) -> None:
-    drives = method_drives.read_drives(ROOT / "drives" / f"smooth_dust_k{k}.jsonl")
+@pytest.mark.parametrize("name", ["smooth_dust", "gale"])
+def test_the_drives_with_both_weights_are_those_of_their_file(method_drives, name: str) -> None:
+    drives = method_drives.read_drives(ROOT / "drives" / f"{name}.jsonl")
     assert method_drives.drives_table(drives, ("m3depth", "release_0.1", "sgbm")) in (ROOT / "drives.md").read_text()
 
 
