@@ -51,8 +51,10 @@ def vertical_disparity(rig: StereoRig, depth: np.ndarray, rotation: np.ndarray =
     """
     if np.array_equal(rotation, IDEAL):
         return np.zeros(depth.shape, np.float32)
-    c = rig.camera
-    return _lower(read_only(depth, np.float32), read_only(rotation), c.fx, c.fy, c.cx, c.cy, rig.baseline)
+    known = np.isfinite(depth)
+    points = rig.camera.unproject(np.where(known, depth, 1.0)) - [rig.baseline, 0, 0]
+    lower = rig.camera.project(points @ rotation)[..., 1] - np.arange(rig.camera.height)[:, None]
+    return np.where(known, lower, 0).astype(np.float32)
 
 
 def outside_right(rig: StereoRig, depth: np.ndarray, rotation: np.ndarray = IDEAL) -> np.ndarray:
@@ -109,16 +111,6 @@ def _disparity(depth, rotation, fx, fy, cx, cy, baseline):
         for u in range(depth.shape[1]):
             if np.isfinite(depth[v, u]):
                 out[v, u] = u - _pixel(u, v, depth[v, u], rotation, fx, fy, cx, cy, baseline)[0]
-    return out
-
-
-@compiled
-def _lower(depth, rotation, fx, fy, cx, cy, baseline):
-    out = np.zeros(depth.shape, dtype=np.float32)
-    for v in range(depth.shape[0]):
-        for u in range(depth.shape[1]):
-            if np.isfinite(depth[v, u]):
-                out[v, u] = _pixel(u, v, depth[v, u], rotation, fx, fy, cx, cy, baseline)[1] - v
     return out
 
 

@@ -248,15 +248,15 @@ def _value_error(flag: str, kind: str, why: str) -> str:
         why: The parser's message.
     """
     kind = kind.removeprefix("{None}|").strip("{}")
-    if given := re.match(r"\['(.*)'\] does not match choices", why):  # a tuple that may be left out
-        why = f"could not parse arguments '{given[1].replace(chr(39) + ', ' + chr(39), ' ')}'"
-    elif why.startswith("input length 0 "):
-        return f"{flag} needs {kind.count(' ') + 1} values"
+    count = kind.count(" ") + 1
+    if why.startswith("input length 0 "):
+        return f"{flag} needs {count} values"
+    of_tuple = re.match(r"(\[.*\]) does not match choices", why)  # one that may be left out
     noun = {"INT": "whole number", "FLOAT": "number", "PATH": "path"}.get("".join(set(re.findall("[A-Z]+", kind))))
-    if re.match("invalid literal|could not convert|could not (find valid parse|parse arguments)", why, re.I) and noun:
-        count = kind.count(" ") + 1
+    mistaken = re.match("invalid literal|could not convert|could not (find valid parse|parse arguments)", why, re.I)
+    if noun and (of_tuple or mistaken):
         wanted = f"{noun}s" if "..." in kind else f"a {noun}" if count == 1 else f"{count} {noun}s"
-        words = " ".join(re.findall("'([^']*)'", why))
+        words = " ".join(re.findall("'([^']*)'", of_tuple[1] if of_tuple else why))
         return f"{flag} must be {wanted}, got {words!r}"
     return f"{flag} {kind}: {why}"
 
