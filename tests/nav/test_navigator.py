@@ -184,8 +184,16 @@ def test_a_mast_that_another_driver_moves_is_not_taken_for_broken():
         assert navigator.mast.obeys != obeyed
 
 
+def test_looks_to_the_sides_that_another_driver_does_not_take_count_as_taken(monkeypatch):
+    navigator, depth = Navigator(), RockWorld().depth(SMALL_RIG, ZHURONG.mount.left_eye(SMALL_RIG.baseline))
+    monkeypatch.setattr(navigator.planner, "plan", lambda *_: None)  # a dead end
+    commands = [navigator.step(depth, None, SMALL_RIG, np.eye(4), GOAL, obeyed=False) for _ in range(3)]
+    assert [command.status for command in commands] == ["look", "look", "recover"]
+    assert commands[0].pan == -commands[1].pan == pytest.approx(np.deg2rad(navigator.config.look_pan_deg))
+
+
 def test_a_recovery_counts_the_way_back_of_steps_without_an_image():
-    navigator = Navigator()
+    navigator = Navigator(config=replace(NavigatorConfig.of_rover(ZHURONG), back_up=0.5))
     for x in np.arange(0.0, 4.0, 0.2):
         navigator.recovery.follow(np.array([x, 0.0, 0.0]))
     navigator.recovery.start(np.array([4.0, 0.0, 0.0]))
@@ -198,7 +206,7 @@ def test_a_recovery_counts_the_way_back_of_steps_without_an_image():
             break
         x += command.speed * navigator.config.step_time
         driven -= command.speed * navigator.config.step_time
-    assert 0.9 <= driven <= navigator.config.back_up + 0.31
+    assert driven == pytest.approx(0.6) and n == 4  # steps of 0.3 m, each with a blind one after it
 
 
 def test_between_two_looks_the_rover_drives_on_by_its_map():
